@@ -1,0 +1,224 @@
+"""The commands: each reads its options, calls one function, prints, and sets the exit status.
+
+Exit status: 0 all well, 1 some scans failed, 2 the config or command cannot be followed, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    name="woodpipe",
+    help="From photographs of wood to solid wood textures.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="The YAML file.")]
+OptionalConfig = Annotated[Path, typer.Argument(metavar="[CONFIG]", help="The YAML file.")]
+StageOption = Annotated[str | None, typer.Option("--stage", help="Run this stage again, and what its values change.")]
+FromOption = Annotated[str | None, typer.Option("--from", help="Run this stage and all after it again.")]
+UntilOption = Annotated[str | None, typer.Option("--until", help="Stop after this stage.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Run every stage again.")]
+ScanOption = Annotated[str | None, typer.Option("--scan", metavar="GLOB", help="Only scans with such a name.")]
+DebugOption = Annotated[bool, typer.Option("--debug", help="Show tracebacks and what the workers say.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+DEFAULT_CONFIG = Path("pipeline.yaml")
+
+
+@contextmanager
+def told_to_people(debug: bool = False) -> Iterator[None]:
+    """Turn usage errors into a few lines and exit status 2, and Ctrl-C into 130."""
+    from pipeline.problems import UsageError
+
+    try:
+        yield
+    except UsageError as error:
+        print(error, file=sys.stderr)
+        if debug:
+            raise
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        print("interrupted; what is done is kept", file=sys.stderr)
+        raise typer.Exit(130) from None
+    except OSError as error:
+        if debug:
+            raise
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        raise typer.Exit(2) from None
+
+
+@app.command()
+def run(
+    config: OptionalConfig = DEFAULT_CONFIG,
+    stage: StageOption = None,
+    from_stage: FromOption = None,
+    until: UntilOption = None,
+    force: ForceOption = False,
+    scan: ScanOption = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="tcp://... of an existing Dask cluster, or 'threads' for this process.")
+    ] = None,
+    tile: Annotated[int | None, typer.Option(metavar="PX", help="Side of the tiles of large scans.")] = None,
+    debug: DebugOption = False,
+) -> None:
+    """Bring every scan up to date."""
+    with told_to_people(debug):
+        from pipeline.commands import run_project
+        from pipeline.plan import Selection
+
+        options = {"workers": workers, "scheduler": scheduler, "tile": tile}
+        given = {name: value for name, value in options.items() if value is not None}
+        selection = Selection(stage, from_stage, until, force, scan)
+        status = run_project(config, selection, given, debug)
+    raise typer.Exit(status)
+
+
+@app.command()
+def plan(
+    config: OptionalConfig = DEFAULT_CONFIG,
+    stage: StageOption = None,
+    from_stage: FromOption = None,
+    until: UntilOption = None,
+    force: ForceOption = False,
+    scan: ScanOption = None,
+    debug: DebugOption = False,
+) -> None:
+    """Say for every scan and stage whether it would be reused or run, and why."""
+    with told_to_people(debug):
+        from pipeline.plan import Selection
+        from pipeline.project import Project
+        from pipeline.tables import make_console, plan_table
+
+        plans = Project.load(config).plan(Selection(stage, from_stage, until, force, scan))
+        make_console().print(plan_table(plans))
+
+
+@app.command()
+def status(config: OptionalConfig = DEFAULT_CONFIG, debug: DebugOption = False) -> None:
+    """Show which results and products are there, scan by scan."""
+    with told_to_people(debug):
+        from pipeline.project import Project
+        from pipeline.tables import make_console, status_table
+
+        make_console().print(status_table(Project.load(config).plan()))
+
+
+@app.command()
+def stages(json_output: JsonOption = False, debug: DebugOption = False) -> None:
+    """List the stages with their parameters, defaults and help."""
+    with told_to_people(debug):
+        from pipeline.project import all_stages
+
+        if json_output:
+            _print_json({item.name: item.params_type.model_json_schema() for item in all_stages()})
+            return
+        from pipeline.tables import make_console, stages_text
+
+        make_console().print(stages_text(all_stages()))
+
+
+@app.command()
+def show(
+    scan: Annotated[str, typer.Argument(metavar="SCAN", help="The scan: its name without suffix, or its path.")],
+    config: Annotated[Path, typer.Option("--config", help="The YAML file.")] = DEFAULT_CONFIG,
+    output: Annotated[Path | None, typer.Option("--output", help="The output folder, instead of a config.")] = None,
+    json_output: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Show where a scan's results and products lie and how they came about."""
+    with told_to_people(debug):
+        from pipeline.commands import output_folder
+        from pipeline.layout import Layout
+        from pipeline.provenance import provenance_of, recorded_stems, stem_of
+
+        layout = Layout(output_folder(config, output))
+        known = provenance_of(layout, stem_of(scan, recorded_stems(layout)))
+        if json_output:
+            _print_json(known)
+            return
+        from pipeline.tables import make_console, provenance_tables
+
+        for part in provenance_tables(known):
+            make_console().print(part)
+
+
+@app.command()
+def sample(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Where to write; made if need be.")],
+    size: Annotated[str, typer.Option(metavar="WxH", help="Size of the scans, px.")] = "750x735",
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, other trees.")] = 0,
+    debug: DebugOption = False,
+) -> None:
+    """Draw sample scans of boards whose truth is known, and the truth beside them."""
+    with told_to_people(debug):
+        from pipeline.commands import parse_size
+        from woodfit.synthetic_scenes import write_sample
+
+        width, height = parse_size(size)
+        for path in write_sample(directory, (height, width), seed):
+            print(path)
+
+
+@app.command()
+def evaluate(
+    config: OptionalConfig = DEFAULT_CONFIG,
+    labels: Annotated[Path | None, typer.Option("--labels", metavar="DIR", help="Folder with label files.")] = None,
+    scan: ScanOption = None,
+    json_output: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Compare rings and textures with synthetic truth or hand labels, where there are any."""
+    with told_to_people(debug):
+        from pipeline.commands import evaluate_project
+
+        rows, notes = evaluate_project(config, labels, scan)
+        if json_output:
+            _print_json(rows)
+        else:
+            from pipeline.tables import figures_table, make_console
+
+            make_console().print(figures_table(rows))
+    for note in notes:
+        print(note, file=sys.stderr)
+    raise typer.Exit(0 if rows else 1)
+
+
+@app.command()
+def clean(
+    config: OptionalConfig = DEFAULT_CONFIG,
+    output: Annotated[Path | None, typer.Option("--output", help="The output folder, instead of a config.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    debug: DebugOption = False,
+) -> None:
+    """Remove results that no config reaches any more, after saying which."""
+    with told_to_people(debug):
+        from pipeline.cleaning import human_size, remove
+        from pipeline.commands import leftovers_of
+
+        layout, leftovers, configs = leftovers_of(config, output)
+        print("reached by: " + (", ".join(str(path) for path in configs) or "no config"))
+        for leftover in leftovers:
+            print(f"{human_size(leftover.size):>10}  {leftover.stage}  {leftover.path.name}")
+        if not leftovers:
+            print("nothing to remove")
+            return
+        total = human_size(sum(leftover.size for leftover in leftovers))
+        if not yes and not typer.confirm(f"Remove these {len(leftovers)} results, {total}?"):
+            raise typer.Exit(1)
+        print(f"removed {remove(layout, leftovers)} of {len(leftovers)} results, {total}")
+
+
+def _print_json(value: Any) -> None:
+    import json
+
+    print(json.dumps(value, indent=2, default=str))

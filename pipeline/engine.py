@@ -1,0 +1,299 @@
+"""Running a plan: hands jobs to workers as their inputs come in, and never lets one scan stop another."""
+
+from __future__ import annotations
+
+import heapq
+import os
+import queue
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from pipeline.config import Execution
+from pipeline.executors import Executor, start_executor
+from pipeline.jobs import Outcome, ProductJob, Source, StageJob, StageRef, Status
+from pipeline.layout import Layout
+from pipeline.plan import Action, ProductNode, ScanPlan, StageNode
+from pipeline.product_tasks import write_product
+from pipeline.scan_run import ScanRun, node_name
+from pipeline.tasks import run_stage
+from pipeline.tile_stage import TileStage
+from pipeline.tiles import is_tiled
+from pipeline.wiring import SOURCE, Wiring
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pipeline.context import ScanRow
+    from pipeline.progress import Reporter
+    from stages.products import Product
+    from stages.stage import Stage
+
+ATTEMPTS = 3
+RETRY_SECONDS = 0.3
+
+
+@dataclass(order=True)
+class Work:
+    """One job on its way to a worker; earlier scans and then earlier stages go first."""
+
+    priority: tuple[int, ...]
+    run: ScanRun = field(compare=False)
+    name: str = field(compare=False)
+    task: Callable[[Any], Outcome] = field(compare=False)
+    job: StageJob | ProductJob = field(compare=False)
+    then: Callable[[Outcome], None] = field(compare=False)
+    attempts: int = field(default=0, compare=False)
+
+
+class Engine:
+    """Runs the plans of one config.
+
+    Parameters
+    ----------
+    output
+        The output folder.
+    stages, products, wiring
+        What there is to run and how it is connected.
+    execution
+        Workers, tile size, scheduler.
+    reporter
+        Is told what happens.
+    debug
+        Let workers and libraries say more.
+    preload
+        Modules that workers import while they wait for their first job.
+    """
+
+    def __init__(
+        self,
+        output: Path,
+        stages: Sequence[Stage],
+        products: Sequence[Product],
+        wiring: Wiring,
+        execution: Execution,
+        reporter: Reporter,
+        debug: bool = False,
+        preload: tuple[str, ...] = (),
+    ) -> None:
+        self._layout = Layout(output)
+        self._stages = {stage.name: stage for stage in stages}
+        self._order = {name: index for index, name in enumerate(self._stages)}
+        self._products = {product.name: product for product in products}
+        self._wiring, self._execution, self._reporter = wiring, execution, reporter
+        self._debug, self._preload = debug, preload
+        self._cores = os.cpu_count() or 1
+        self._waiting: list[Work] = []
+        self._later: list[tuple[float, Callable[[], None]]] = []
+        self._in_flight = 0
+        self._answers: queue.SimpleQueue[tuple[Work, Outcome | None]] = queue.SimpleQueue()
+        self._tile_stages: list[TileStage] = []
+        self._counter = 0
+
+    def run(self, plans: Sequence[ScanPlan]) -> list[ScanRun]:
+        """Bring every plan up to date; starts no worker if there is nothing to compute."""
+        runs = [ScanRun(plan) for plan in plans]
+        executor = None
+        try:
+            if all(plan.problem or plan.is_idle for plan in plans):
+                self._reporter.begin(plans, "")
+            else:
+                executor = self._start(plans)
+                self._reporter.begin(plans, executor.link)
+            for run in runs:
+                if run.failed:
+                    self._reporter.failed(run.plan.label, run.message)
+                self._advance(run, runs)
+            while executor is not None and not all(run.finished for run in runs):
+                self._dispatch(executor)
+                self._listen(runs)
+        except BaseException:
+            if executor is not None:
+                executor.close(abort=True)
+                executor = None
+            raise
+        finally:
+            self._reporter.finish()
+            for tile_stage in self._tile_stages:
+                tile_stage.release()
+            for run in runs:
+                if not run.plan.problem:
+                    run.save(self._layout)
+            if executor is not None:
+                executor.close()
+        return runs
+
+    def rows(self, runs: Sequence[ScanRun]) -> list[ScanRow]:
+        """Summary of the run."""
+        everything = len(self._stages) + len(self._products)
+        return [run.row(len(run.plan.stages) + len(run.plan.products) == everything, self._layout) for run in runs]
+
+    def _start(self, plans: Sequence[ScanPlan]) -> Executor:
+        """Start as many workers as can be busy: one scan alone gets one process with all cores."""
+        busy = [plan for plan in plans if not plan.problem and not plan.is_idle]
+        workers = self._execution.workers or self._cores
+        side = self._execution.tile
+        probes = [plan.content.probe for plan in busy if plan.content.probe]
+        threads = 1
+        if not any(is_tiled((probe.height, probe.width), side) for probe in probes):
+            if len(busy) == 1:
+                threads = min(2, workers)
+            workers = min(workers, len(busy))
+        return start_executor(self._execution.scheduler, workers, threads, self._preload, self._debug)
+
+    def _advance(self, run: ScanRun, runs: Sequence[ScanRun]) -> None:
+        """Settle what is reused and queue what can start now."""
+        progressed = True
+        while progressed:
+            progressed = False
+            for node in list(run.ready()):
+                run.started.add(node_name(node))
+                computed, reason = run.must_run(node)
+                if computed:
+                    self._queue(run, node, reason, runs)
+                elif isinstance(node, StageNode):
+                    run.end_stage(node, Status.REUSED, run.plan.metas[node.stage])
+                else:
+                    run.end_product(node, Status.REUSED, run.products[node.product]["size"])
+                if not computed:
+                    self._reporter.ended(run.plan.label, node_name(node), Status.REUSED, 0.0)
+                    progressed = True
+
+    def _queue(self, run: ScanRun, node: StageNode | ProductNode, reason: str, runs: Sequence[ScanRun]) -> None:
+        self._reporter.started(run.plan.label, node_name(node), reason)
+        source = Source(run.plan.scan, run.plan.content.stamp)
+        index = runs.index(run)
+        if isinstance(node, ProductNode):
+            job = ProductJob(
+                output=self._layout.output,
+                source=source,
+                product=self._products[node.product],
+                key=node.key,
+                wanted=self._wiring.products[node.product],
+                keys=run.keys(),
+                params={stage.stage: stage.params for stage in run.plan.stages},
+            )
+            work = Work((index, len(self._order)), run, node_name(node), write_product, job, lambda outcome: None)
+            work.then = lambda outcome: self._end_product(run, node, outcome)
+            self._push(work)
+            return
+        stage_job = StageJob(
+            output=self._layout.output,
+            source=source,
+            stage=StageRef.of(self._stages[node.stage]),
+            key=node.key,
+            params=node.params,
+            inputs=node.inputs,
+            wanted=self._wiring.stages[node.stage],
+            digests=run.digests(node),
+            force=node.action is Action.RUN and node.reason == "forced",
+            reason=reason,
+        )
+        priority = (index, self._order[node.stage])
+        shape = self._tiled_shape(run, node)
+        if shape is None:
+            work = Work(priority, run, node.stage, run_stage, stage_job, lambda outcome: None)
+            work.then = lambda outcome: self._end_stage(run, node, outcome)
+            self._push(work)
+            return
+
+        def push(task: Callable[[Any], Outcome], job: StageJob, then: Callable[[Outcome], None]) -> None:
+            self._push(Work(priority, run, node.stage, task, job, then))
+
+        tile_stage = TileStage(
+            node,
+            stage_job,
+            shape,
+            self._execution.tile,
+            push,
+            progress=lambda done, total: self._reporter.tile(run.plan.label, node.stage, done, total),
+            end=lambda outcome: self._end_stage(run, node, outcome),
+        )
+        self._tile_stages.append(tile_stage)
+        self._begin(tile_stage)
+
+    def _begin(self, tile_stage: TileStage) -> None:
+        if not tile_stage.begin():
+            self._later.append((time.monotonic() + RETRY_SECONDS, lambda: self._begin(tile_stage)))
+
+    def _tiled_shape(self, run: ScanRun, node: StageNode) -> tuple[int, int] | None:
+        """Shape of what a stage reads, if it is to be cut into tiles."""
+        if self._stages[node.stage].halo is None or SOURCE in node.inputs:
+            return None
+        for provider, names in self._wiring.stages[node.stage].items():
+            for name in names:
+                variable = run.metas[provider].variables[name]
+                if {"y", "x"} <= set(variable["dims"]):
+                    sizes = dict(zip(variable["dims"], variable["shape"], strict=True))
+                    shape = (sizes["y"], sizes["x"])
+                    return shape if is_tiled(shape, self._execution.tile) else None
+        return None
+
+    def _push(self, work: Work) -> None:
+        self._counter += 1
+        work.priority = (*work.priority[:2], self._counter)
+        heapq.heappush(self._waiting, work)
+
+    def _dispatch(self, executor: Executor) -> None:
+        """Give every free slot a job; the cores are shared among the jobs there are."""
+        now = time.monotonic()
+        due = [action for when, action in self._later if when <= now]
+        self._later = [(when, action) for when, action in self._later if when > now]
+        for action in due:
+            action()
+        while self._waiting and self._in_flight < executor.slots:
+            busy = min(executor.slots, self._in_flight + len(self._waiting))
+            work = heapq.heappop(self._waiting)
+            if work.name in work.run.ended:  # another tile of it has failed
+                continue
+            is_remote = self._execution.scheduler not in ("local", "threads")
+            job = replace(work.job, threads=1 if is_remote else max(1, self._cores // busy))
+            self._in_flight += 1
+            self._counter += 1
+            key = (f"{work.name.replace(' ', '-')}-{job.key[:8]}", f"{work.run.plan.stem}-{self._counter}")
+            executor.submit(work.task, job, key, partial(self._answer, work))
+
+    def _answer(self, work: Work, outcome: Outcome | None) -> None:
+        """Take an outcome over from the executor's thread."""
+        self._answers.put((work, outcome))
+
+    def _listen(self, runs: Sequence[ScanRun]) -> None:
+        """Take one answer, or none for a moment."""
+        try:
+            work, outcome = self._answers.get(timeout=0.1)
+        except queue.Empty:
+            return
+        self._in_flight -= 1
+        if outcome is None:
+            work.attempts += 1
+            if work.attempts < ATTEMPTS:
+                self._push(work)
+                return
+            outcome = Outcome(Status.FAILED, message=f"its worker process died {ATTEMPTS} times (out of memory?)")
+        if outcome.status is Status.BUSY:
+            self._later.append((time.monotonic() + RETRY_SECONDS, lambda: self._push(work)))
+            return
+        work.run.seconds += outcome.seconds
+        work.then(outcome)
+        self._advance(work.run, runs)
+
+    def _end_stage(self, run: ScanRun, node: StageNode, outcome: Outcome) -> None:
+        if outcome.status is Status.FAILED or outcome.meta is None:
+            self._fail(run, node.stage, outcome)
+            return
+        run.end_stage(node, outcome.status, outcome.meta)
+        self._reporter.ended(run.plan.label, node.stage, outcome.status, outcome.seconds)
+
+    def _end_product(self, run: ScanRun, node: ProductNode, outcome: Outcome) -> None:
+        if outcome.status is Status.FAILED:
+            self._fail(run, node_name(node), outcome)
+            return
+        run.end_product(node, outcome.status, outcome.size)
+        self._reporter.ended(run.plan.label, node_name(node), outcome.status, outcome.seconds)
+
+    def _fail(self, run: ScanRun, name: str, outcome: Outcome) -> None:
+        message = outcome.message if outcome.is_bad_scan else f"{name}: {outcome.message}"
+        run.fail(name, message, outcome.trace)
+        self._reporter.failed(run.plan.label, message)

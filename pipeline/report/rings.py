@@ -1,0 +1,146 @@
+"""The photograph with its numbered rings: vector lines over the picture, numbers that keep their size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from pipeline.report.labels import place_labels
+from pipeline.report.palettes import ring_color
+from pipeline.report.pictures import Picture, fit, jpeg
+from pipeline.report.reading import Frame, Scan
+from stages.variables import RING_CLOSED, RING_CONFIDENCE, RING_INDEX, RING_X, RING_Y, VERTEX_COUNT
+
+Array = npt.NDArray[Any]
+
+#: Below this confidence a ring is drawn dashed.
+UNSURE = 0.5
+
+_WIDE_PX, _NARROW_PX, _THUMB_PX = 1040.0, 340.0, 360
+
+
+@dataclass(frozen=True)
+class Ring:
+    """One traced boundary.
+
+    Parameters
+    ----------
+    index
+        Its number, growing outwards.
+    confidence
+        0..1.
+    closed
+        Whether it returns to its start.
+    points
+        Shape (N, 2): x, y in px of the scan.
+    """
+
+    index: int
+    confidence: float
+    closed: bool
+    points: Array
+
+
+def rings_of(scan: Scan) -> list[Ring] | None:
+    """Traced boundaries; ``None`` when tracing has not run."""
+    if not scan.has(RING_X, RING_Y, VERTEX_COUNT, RING_INDEX):
+        return None
+    points = np.column_stack([scan.values(RING_X), scan.values(RING_Y)]).astype(float)
+    index = scan.values(RING_INDEX)
+    confidence = scan.values(RING_CONFIDENCE) if scan.has(RING_CONFIDENCE) else np.ones(len(index))
+    closed = scan.values(RING_CLOSED) if scan.has(RING_CLOSED) else np.zeros(len(index), bool)
+    pieces = np.split(points, np.cumsum(scan.values(VERTEX_COUNT))[:-1]) if len(index) else []
+    return [
+        Ring(int(i), float(c), bool(k), p) for i, c, k, p in zip(index, confidence, closed, pieces, strict=True) if len(p)
+    ]
+
+
+def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
+    """The photograph, with rings if they were traced."""
+    photograph, frame = scan.photograph(), scan.frame
+    if photograph is None or frame is None:
+        return None
+    rings = rings_of(scan)
+    section: dict[str, Any] = {
+        "picture": jpeg(photograph, _alt(name, frame, rings), 86),
+        "frame": frame,
+        "traced": rings is not None,
+        "lines": [],
+        "wide": [],
+        "narrow": [],
+        "unsure": 0,
+        "count": 0,
+    }
+    if not rings:
+        return section
+    tolerance = 0.3 * max(frame.width, frame.height) / _WIDE_PX
+    section["lines"] = [
+        {
+            "path": _path(ring, tolerance),
+            "color": ring_color(ring.index),
+            "unsure": ring.confidence < UNSURE,
+            "title": f"ring {ring.index}, confidence {ring.confidence:.2f}",
+        }
+        for ring in rings
+    ]
+    for size, place in (("wide", _WIDE_PX), ("narrow", _NARROW_PX)):
+        section[size] = _labels(rings, frame, place)
+    section["count"] = len({ring.index for ring in rings})
+    section["unsure"] = len({ring.index for ring in rings if ring.confidence < UNSURE})
+    section["first"], section["last"] = min(r.index for r in rings), max(r.index for r in rings)
+    return section
+
+
+def _alt(name: str, frame: Frame, rings: list[Ring] | None) -> str:
+    size = f"{frame.width:.0f} by {frame.height:.0f} pixels"
+    if rings is None:
+        return f"Photograph {name}, {size}."
+    if not rings:
+        return f"Photograph {name}, {size}, no ring boundaries found."
+    numbers = sorted({ring.index for ring in rings})
+    return f"Photograph {name}, {size}, with {len(numbers)} ring boundaries, numbered {numbers[0]} to {numbers[-1]}."
+
+
+def _path(ring: Ring, tolerance: float) -> str:
+    """SVG path of a boundary, thinned out by less than `tolerance` px."""
+    points = ring.points[np.isfinite(ring.points).all(axis=1)]
+    if len(points) > 2:
+        points = cv2.approxPolyDP(points.astype(np.float32)[:, None], tolerance, ring.closed)[:, 0]
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + ("Z" if ring.closed else "")
+
+
+def _labels(rings: list[Ring], frame: Frame, width_px: float) -> list[dict[str, Any]]:
+    lines: dict[int, Array] = {}
+    for ring in rings:
+        known = ring.points[np.isfinite(ring.points).all(axis=1)]
+        lines[ring.index] = np.concatenate([lines[ring.index], known]) if ring.index in lines else known
+    extent = (frame.left, frame.top, frame.width, frame.height)
+    labels = place_labels(lines, extent, frame.width / width_px)
+    return [
+        {
+            "text": str(label.index),
+            "left": f"{100 * (label.x - frame.left) / frame.width:.2f}",
+            "top": f"{100 * (label.y - frame.top) / frame.height:.2f}",
+            "color": ring_color(label.index),
+        }
+        for label in labels
+    ]
+
+
+def thumbnail(scan: Scan, name: str) -> Picture | None:
+    """A small picture of the photograph with its rings, for the index."""
+    photograph, frame = scan.photograph(), scan.frame
+    if photograph is None or frame is None:
+        return None
+    small = np.ascontiguousarray(fit(photograph, 2 * _THUMB_PX))
+    for ring in rings_of(scan) or []:
+        places = (ring.points - [frame.left, frame.top]) * (small.shape[1] / frame.width) - 0.5
+        color = ring_color(ring.index)
+        line = np.round(places * 16).astype(np.int32)[:, None]
+        rgb = tuple(int(color[k : k + 2], 16) for k in (1, 3, 5))
+        cv2.polylines(small, [line], ring.closed, rgb, 2 if ring.confidence >= UNSURE else 1, cv2.LINE_AA, 4)
+    return jpeg(fit(small, _THUMB_PX), f"Photograph {name} with its rings", 78)

@@ -1,0 +1,134 @@
+"""One scan on its way through the stages: what is done, what can start, what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipeline.context import ScanRow
+from pipeline.jobs import Status
+from pipeline.layout import Layout, write_json
+from pipeline.plan import Action, ProductNode, ScanPlan, StageNode
+from pipeline.store import Meta
+from pipeline.wiring import SOURCE
+
+
+@dataclass(eq=False)
+class ScanRun:
+    """State of one scan during a run; lives in the driver only."""
+
+    plan: ScanPlan
+    metas: dict[str, Meta] = field(default_factory=dict)
+    ended: dict[str, Status] = field(default_factory=dict)
+    started: set[str] = field(default_factory=set)
+    seconds: float = 0.0
+    message: str = ""
+    trace: str = ""
+    products: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.message = self.plan.problem
+        stored = self.plan.record.get("products", {})
+        self.products = {name: dict(entry) for name, entry in stored.items()}
+
+    @property
+    def failed(self) -> bool:
+        """Whether something went wrong; only what depends on it is not started then."""
+        return bool(self.message)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all that could start has ended."""
+        return self.started <= set(self.ended) and not any(True for _ in self.ready())
+
+    def ready(self) -> Iterator[StageNode | ProductNode]:
+        """Nodes whose inputs are there and that have not started."""
+        there = {name for name, status in self.ended.items() if status is not Status.FAILED} | {SOURCE}
+        for node in self.plan.nodes:
+            if node_name(node) not in self.started and there.issuperset(node.inputs):
+                yield node
+
+    def must_run(self, node: StageNode | ProductNode) -> tuple[bool, str]:
+        """Whether a ready node has to be computed, and why; looks at what its inputs turned out to be."""
+        if node.action is Action.RUN:
+            return True, node.reason
+        if isinstance(node, StageNode):
+            known = self.plan.metas[node.stage].input_digests
+        else:
+            known = self.products.get(node.product, {}).get("digests", {})
+        changed = [name for name, digest in self.digests(node).items() if known.get(name) != digest]
+        return bool(changed), f"{' and '.join(changed)} gave other values" if changed else node.reason
+
+    def digests(self, node: StageNode | ProductNode) -> dict[str, str]:
+        """What the node's inputs hold now."""
+        return {name: self.metas[name].digest for name in node.inputs if name != SOURCE}
+
+    def keys(self) -> dict[str, str]:
+        """Stage name to key, of all stages that are done."""
+        return {node.stage: node.key for node in self.plan.stages if node.stage in self.metas}
+
+    def end_stage(self, node: StageNode, status: Status, meta: Meta) -> None:
+        """Note that a stage's result is there."""
+        self.ended[node.stage], self.metas[node.stage] = status, meta
+
+    def end_product(self, node: ProductNode, status: Status, size: int) -> None:
+        """Note that a product is there."""
+        self.ended[node_name(node)] = status
+        self.products[node.product] = {
+            "key": node.key,
+            "digests": self.digests(node),
+            "file": node.filename,
+            "size": size,
+        }
+
+    def fail(self, name: str, message: str, trace: str = "") -> None:
+        """Note why the scan cannot go on; the first reason counts."""
+        self.ended[name] = Status.FAILED
+        self.message, self.trace = self.message or message, self.trace or trace
+
+    def rings(self) -> int | None:
+        """Ring boundaries found, if they were traced."""
+        from stages.variables import RING_INDEX
+
+        sizes = [meta.size(RING_INDEX.dims[0]) for meta in self.metas.values()]
+        return next((size for size in sizes if size is not None), None)
+
+    def row(self, complete: bool, layout: Layout) -> ScanRow:
+        """The scan's line in the summary."""
+        if self.failed:
+            outcome = "failed"
+        elif all(status is Status.REUSED for status in self.ended.values()):
+            outcome = "reused"
+        else:
+            outcome = "done" if complete else "partly"
+        made = {name: entry["file"] for name, entry in self.products.items()}
+        return ScanRow(
+            scan=self.plan.scan,
+            stem=self.plan.stem,
+            outcome=outcome,
+            message=self.message,
+            rings=self.rings() if not self.plan.problem else None,
+            seconds=self.seconds,
+            products={name: file for name, file in made.items() if layout.product(self.plan.stem, file).exists()},
+            warnings=tuple(warning for meta in self.metas.values() for warning in meta.warnings),
+        )
+
+    def save(self, layout: Layout) -> None:
+        """Keep what was done, to explain the next plan."""
+        before: Mapping[str, Any] = self.plan.record.get("stages", {})
+        done = {node.stage: node.record() for node in self.plan.stages if node.stage in self.metas}
+        record = {
+            "scan": str(self.plan.scan),
+            "content": self.plan.content.sha256,
+            "stages": {**before, **done},
+            "products": self.products,
+            "message": self.message,
+        }
+        if record != self.plan.record:
+            write_json(layout.record(self.plan.stem), record)
+
+
+def node_name(node: StageNode | ProductNode) -> str:
+    """Name of a node among all of a scan's."""
+    return node.stage if isinstance(node, StageNode) else f"product {node.product}"

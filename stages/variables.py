@@ -1,0 +1,98 @@
+"""The glossary that executes: every quantity that flows between stages, named once.
+
+Lengths are px of the scan as photographed (upright after its EXIF orientation) unless the name says otherwise;
+images are indexed ``y, x`` and carry their pixel centres as coordinates ``y`` and ``x`` in those px, so that a
+scan analysed at reduced resolution keeps its place. Points are given as separate x and y (image frame) or along
+``board_axis`` (x right, y down, z into the wood).
+"""
+
+from stages.stage import Variable
+
+# --- the photograph as it comes from the file ---------------------------------------------------------------
+ENCODED = Variable("encoded", ("y", "x", "channel"), "u", "1", "Pixels as stored, sRGB-encoded, 8 or 16 bit, RGB.")
+OPAQUE = Variable("opaque", ("y", "x"), "b", "1", "False where the file's alpha channel says there is nothing.")
+DPI_PIXEL_SIZE = Variable(
+    "dpi_pixel_size", (), "f", "mm", "Pixel size from the file's resolution tags; NaN if it has none."
+)
+
+# --- scan ---------------------------------------------------------------------------------------------------
+RGB = Variable("rgb", ("y", "x", "channel"), "f", "1", "Linear RGB, 0..1, sRGB primaries.")
+VALUE = Variable("value", ("y", "x"), "f", "1", "HSV value of the encoded image, 0..1.")
+VALID = Variable("valid", ("y", "x"), "b", "1", "True on wood; false on background, bark, mount and cracks.")
+PIXEL_SIZE = Variable("pixel_size", (), "f", "mm", "Size of a scan pixel; NaN when no scale is known.")
+REDUCTION = Variable("reduction", (), "iu", "1", "Scan pixels per array element along each axis.")
+RING_SCALE = Variable("ring_scale", (), "f", "px", "Characteristic ring width found in the scan, in scan px.")
+
+# --- orientation --------------------------------------------------------------------------------------------
+ORIENTATION = Variable(
+    "orientation", ("y", "x"), "f", "rad", "Tangent of the ring boundaries, 0..pi, from +x towards +y."
+)
+COHERENCE = Variable("coherence", ("y", "x"), "f", "1", "How much of the local structure is of one orientation, 0..1.")
+
+# --- curved_gabor -------------------------------------------------------------------------------------------
+RESPONSE = Variable(
+    "response", ("y", "x"), "c", "1", "Complex curved Gabor response along `normal`, unit gain for a sinusoid."
+)
+MAGNITUDE = Variable("magnitude", ("y", "x"), "f", "1", "Magnitude of the response.")
+PHASE = Variable("phase", ("y", "x"), "f", "rad", "Phase of the response, growing along `normal`, -pi..pi.")
+NORMAL = Variable(
+    "normal", ("y", "x"), "f", "rad", "Direction across the rings towards the bright side of their abrupt edge, -pi..pi."
+)
+ASYMMETRY = Variable(
+    "asymmetry", ("y", "x"), "f", "1", "How surely the abrupt edge tells the two directions of `normal` apart, 0..1."
+)
+FREQUENCY = Variable("frequency", ("y", "x"), "f", "px-1", "Rings per scan px across the rings.")
+CURVATURE = Variable("curvature", ("y", "x"), "f", "px-1", "Curvature of the ring boundaries, absolute.")
+RING_ORIENTATION = Variable(
+    "ring_orientation", ("y", "x"), "f", "rad", "Orientation of the rings refined from the phase, 0..pi."
+)
+
+# --- ring_tracing: polylines as a CF contiguous ragged array ------------------------------------------------
+RING_X = Variable("ring_x", ("vertex",), "f", "px", "x of the ring boundary vertices, image frame.")
+RING_Y = Variable("ring_y", ("vertex",), "f", "px", "y of the ring boundary vertices, image frame.")
+VERTEX_CONFIDENCE = Variable("vertex_confidence", ("vertex",), "f", "1", "Confidence of each vertex, 0..1.")
+VERTEX_COUNT = Variable("vertex_count", ("ring",), "iu", "1", "Vertices of each polyline, in order.")
+RING_INDEX = Variable("ring_index", ("ring",), "iu", "1", "Consecutive index of the ring boundary, growing outwards.")
+RING_CONFIDENCE = Variable("ring_confidence", ("ring",), "f", "1", "Confidence of each polyline, 0..1.")
+RING_CLOSED = Variable("ring_closed", ("ring",), "b", "1", "True where the polyline returns to its start.")
+RING_PHASE = Variable(
+    "ring_phase", ("y", "x"), "f", "rad", "Wrapped 2 pi ring age: 0 at the boundaries, growing outwards, -pi..pi."
+)
+PHASE_CONFIDENCE = Variable("phase_confidence", ("y", "x"), "f", "1", "Confidence of the ring phase, 0..1.")
+GROWTH_SURENESS = Variable(
+    "growth_sureness", (), "f", "1", "How sure the outward direction is: 0.5 is a guess, 1 is certain."
+)
+
+# --- pose ---------------------------------------------------------------------------------------------------
+BOARD_TO_TREE = Variable(
+    "board_to_tree", ("tree_axis", "board_axis"), "f", "1", "Rigid 4x4 transform, px to px, pith along tree z."
+)
+RING_RADIUS = Variable(
+    "ring_radius", ("boundary",), "f", "px", "Ideal radius of each ring boundary, increasing; its age is `boundary`."
+)
+POSE_SPREAD = Variable(
+    "pose_spread", ("pose_parameter",), "f", "1", "One standard deviation of each pose parameter (rad, rad, px, px)."
+)
+
+# --- initial_distortion, phase_polishing --------------------------------------------------------------------
+DISPLACEMENT = Variable(
+    "displacement", ("radius", "azimuth", "height"), "f", "px", "Radial displacement m_r on a cylindrical grid."
+)
+POLISHED_DISPLACEMENT = Variable(
+    "polished_displacement", ("radius", "azimuth", "height"), "f", "px", "Radial displacement after polishing."
+)
+FACE_AGE = Variable("face_age", ("y", "x"), "f", "rings", "Ring age of the fitted model on the face.")
+PHASE_RESIDUAL = Variable(
+    "phase_residual", ("y", "x"), "f", "rad", "Observed ring phase minus the model's, wrapped to -pi..pi."
+)
+LOSS = Variable("loss", ("iteration",), "f", "1", "Weighted mean cyclic loss after each iteration.")
+
+# --- color_map ----------------------------------------------------------------------------------------------
+COLOR_STRIP = Variable(
+    "color_strip", ("strip", "channel"), "f", "1", "Linear RGB over continuous ring age (coordinate `strip`)."
+)
+LATENESS_STRIP = Variable(
+    "lateness_strip", ("strip",), "f", "1", "0 in earlywood to 1 in latewood over continuous ring age."
+)
+STRIP_SUPPORT = Variable("strip_support", ("strip",), "f", "px", "Face pixels that each strip sample was fitted to.")
+RENDERED = Variable("rendered", ("y", "x", "channel"), "f", "1", "Linear RGB of the solid texture on the face.")

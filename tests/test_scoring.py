@@ -1,0 +1,324 @@
+"""Metrics: a perfect result scores 1, a wrong one does not, and matching is the best there is."""
+
+import itertools
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from woodfit.matching import Counts, count_matches, level_crossings, line_crossings, match_ordered, neighbour_tolerance
+from woodfit.scoring import (
+    across_grain_lines,
+    age_correlation,
+    age_share,
+    boundary_pixels,
+    boundary_recall_precision,
+    face_score,
+    line_f,
+    path_score,
+    phase_share,
+    psnr_blurred,
+    rasterize,
+)
+
+WIDTH = 20.0
+SHAPE = (300, 320)
+CENTER = np.array([150.0, 140.0])
+
+
+def disc_age() -> NDArray[np.float64]:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    return np.asarray(np.hypot(x - CENTER[0], y - CENTER[1]) / WIDTH)
+
+
+def disc_rings(shift: float = 0.0) -> list[NDArray[np.float64]]:
+    """The boundaries of `disc_age`, their radii off by `shift` px, cut at the image's border."""
+    angle = np.linspace(0, 2 * np.pi, 1000)
+    rings = []
+    for radius in np.arange(1, 13) * WIDTH + shift:
+        circle = CENTER + radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        inside = ((circle >= 0) & (circle <= [SHAPE[1] - 1, SHAPE[0] - 1])).all(axis=1)
+        rings += [
+            circle[run] for run in np.split(np.arange(1000), np.flatnonzero(np.diff(inside)) + 1) if inside[run[0]]
+        ]
+    return rings
+
+
+def board_age(slope: float = 0.15) -> NDArray[np.float64]:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    return np.asarray((x + slope * y + 40) / WIDTH)
+
+
+def board_rings(shift: float = 0.0, slope: float = 0.15) -> list[NDArray[np.float64]]:
+    y = np.arange(SHAPE[0], dtype=float)
+    lines = [np.stack([WIDTH * k - 40 - slope * y + shift, y], axis=-1) for k in range(1, 25)]
+    cut = [line[(line[:, 0] >= 0) & (line[:, 0] <= SHAPE[1] - 1)] for line in lines]
+    return [line for line in cut if len(line) > 1]
+
+
+SCENES = {"disc": (disc_age, disc_rings), "board": (board_age, board_rings)}
+
+
+# --- matching -----------------------------------------------------------------------------------------------
+def brute_force(
+    truth: NDArray[np.float64],
+    found: NDArray[np.float64],
+    tolerance: NDArray[np.float64],
+    uncertain: NDArray[np.bool_],
+) -> tuple[int, int]:
+    """Most certain matches, then most uncertain ones, over every order-preserving one-to-one pairing."""
+    best = (0, 0)
+    for size in range(min(len(truth), len(found)) + 1):
+        for rows in itertools.combinations(range(len(truth)), size):
+            for columns in itertools.combinations(range(len(found)), size):
+                if all(abs(truth[i] - found[j]) <= tolerance[i] for i, j in zip(rows, columns, strict=True)):
+                    certain = sum(not uncertain[i] for i in rows)
+                    best = max(best, (certain, size - certain))
+    return best
+
+
+positions = st.lists(st.floats(0, 30), max_size=6).map(lambda values: np.sort(np.array(values, dtype=float)))
+
+
+@settings(deadline=None, max_examples=150)
+@given(positions, positions, st.data())
+def test_counts_equal_brute_force(truth: NDArray[np.float64], found: NDArray[np.float64], data: st.DataObject) -> None:
+    size = len(truth)
+    tolerance = np.array(data.draw(st.lists(st.floats(0, 6), min_size=size, max_size=size)), dtype=float)
+    uncertain = np.array(data.draw(st.lists(st.booleans(), min_size=size, max_size=size)), dtype=bool)
+    certain, doubtful = brute_force(truth, found, tolerance, uncertain)
+    counts = count_matches(truth, found, tolerance, uncertain)
+    assert counts == Counts(certain, int((~uncertain).sum()) - certain, len(found) - certain - doubtful)
+
+
+@settings(deadline=None, max_examples=100)
+@given(positions, positions)
+def test_pairs_are_one_to_one_in_order_and_within_tolerance(
+    truth: NDArray[np.float64], found: NDArray[np.float64]
+) -> None:
+    pairs = match_ordered(truth, found, np.full(len(truth), 3.0))
+    for (a, b), (c, d) in itertools.pairwise(pairs):
+        assert a < c
+        assert b < d
+    assert all(abs(truth[i] - found[j]) <= 3.0 for i, j in pairs)
+
+
+def test_of_equally_many_matches_the_nearest_are_taken() -> None:
+    assert match_ordered(np.array([10.0]), np.array([8.0, 10.5, 12.0]), np.array([3.0])) == [(0, 1)]
+
+
+def test_one_traced_line_does_not_serve_two_rings() -> None:
+    assert count_matches(np.array([10.0, 12.0]), np.array([11.0]), np.array([3.0, 3.0])) == Counts(1, 1, 0)
+
+
+def test_uncertain_is_neither_missed_nor_false() -> None:
+    truth, tolerance, doubt = np.array([10.0, 30.0]), np.array([3.0, 3.0]), np.array([False, True])
+    assert count_matches(truth, np.array([10.0]), tolerance, doubt) == Counts(1, 0, 0)
+    assert count_matches(truth, np.array([10.0, 31.0]), tolerance, doubt) == Counts(1, 0, 0)
+    assert count_matches(truth, np.array([10.0, 31.0, 32.0]), tolerance, doubt) == Counts(1, 0, 1)
+
+
+def test_tolerance_is_a_quarter_of_the_smaller_neighbouring_ring() -> None:
+    npt.assert_allclose(neighbour_tolerance(np.array([0.0, 4.0, 14.0, 44.0]), 3.0), [1.0, 1.0, 2.5, 3.0])
+    npt.assert_allclose(neighbour_tolerance(np.array([5.0]), 3.0), [3.0])
+
+
+def test_scores_of_nothing_are_nan_and_not_perfect() -> None:
+    assert np.isnan([Counts().scores()[name] for name in ("sensitivity", "precision", "f")]).all()
+    assert Counts(0, 3, 0).scores()["f"] == 0.0
+
+
+# --- crossings ----------------------------------------------------------------------------------------------
+def test_level_crossings_are_sub_pixel_and_skip_gaps_and_the_pith() -> None:
+    npt.assert_allclose(level_crossings([0.5, 1.5, 1.75, 2.75]), [0.5, 2.25])
+    npt.assert_allclose(level_crossings([2.5, 0.5]), [0.25, 0.75])
+    npt.assert_allclose(level_crossings([0.5, np.nan, 1.5]), [])
+    npt.assert_allclose(level_crossings([0.2, 0.0, 0.2]), [])
+
+
+def test_line_crossing_through_a_vertex_counts_once_and_touching_counts_evenly() -> None:
+    through = np.array([[5.0, -1.0], [5.0, 0.0], [5.0, 1.0]])
+    touching = np.array([[2.0, 1.0], [3.0, 0.0], [4.0, 1.0]])
+    npt.assert_allclose(line_crossings([through], [0, 0], [10, 0]), [5.0])
+    assert len(line_crossings([touching], [0, 0], [10, 0])) % 2 == 0
+    assert len(line_crossings([touching * [1, -1]], [0, 0], [10, 0])) % 2 == 0
+    npt.assert_allclose(line_crossings([through + np.array([20.0, 0.0])], [0, 0], [10, 0]), [])
+
+
+def test_line_crossings_of_a_slanted_line() -> None:
+    found = line_crossings([np.array([[0.0, 10.0], [10.0, 0.0]])], [0, 0], [10, 10])
+    npt.assert_allclose(found, [5 * np.sqrt(2)])
+
+
+# --- lines across the grain ---------------------------------------------------------------------------------
+def test_lines_cross_the_grain_of_a_board_and_radiate_on_a_disc() -> None:
+    for start, end in across_grain_lines(board_age(), 20):
+        along = (end - start) / np.hypot(*(end - start))
+        assert abs(along @ np.array([1.0, 0.15]) / np.hypot(1.0, 0.15)) > 0.999
+        assert ((start >= -1e-9) & (end <= np.array([319, 299]) + 1e-9)).all()
+    rays = across_grain_lines(disc_age(), 20)
+    assert len(rays) == 20
+    assert all(np.hypot(*(start - CENTER)) < 1.0 for start, _ in rays)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_perfect_tracing_scores_one(name: str) -> None:
+    age, rings = SCENES[name]
+    assert line_f(rings(), age())["f"] == 1.0
+    assert boundary_recall_precision(rings(), age()) == {"recall": 1.0, "precision": 1.0}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_shifted_tracing_fails(name: str) -> None:
+    age, rings = SCENES[name]
+    assert line_f(rings(shift=2.5), age())["f"] > 0.99
+    assert line_f(rings(shift=4.0), age())["f"] < 0.1
+    shifted = boundary_recall_precision(rings(shift=5.0), age())
+    assert shifted["recall"] < 0.1
+    assert shifted["precision"] < 0.1
+
+
+def test_tolerance_shrinks_with_the_rings() -> None:
+    age = board_age() * 2.5  # rings of 8 px: a quarter is 2 px
+    rings = [np.stack([8.0 * k - 40 - 0.15 * np.arange(300.0) + 2.5, np.arange(300.0)], axis=-1) for k in range(1, 60)]
+    assert line_f(rings, age)["f"] < 0.1
+
+
+def test_missed_and_doubled_rings_cost_what_they_are() -> None:
+    rings = board_rings()
+    whole = [ring for ring in rings if len(ring) > 290]
+    missing = line_f([ring for ring in rings if ring is not whole[3]], board_age())
+    assert missing["precision"] == 1.0
+    assert missing["missed"] == pytest.approx(18, abs=2)
+    doubled = line_f([*rings, whole[3] + [1.0, 0.0]], board_age())
+    assert doubled["sensitivity"] == 1.0
+    assert doubled["false"] == pytest.approx(18, abs=2)
+
+
+def test_nothing_traced_is_no_recall_and_no_precision() -> None:
+    scores = boundary_recall_precision([], disc_age())
+    assert scores["recall"] == 0.0
+    assert np.isnan(scores["precision"])
+    assert line_f([], disc_age())["f"] == 0.0
+
+
+def test_grazing_crossings_are_left_out_unless_asked_for() -> None:
+    # Rings along x on the left, that turn to run along the lines across the grain on the right.
+    y, x = np.mgrid[:200, :600].astype(float)
+    age = np.where(x < 400, x / 20, 20 + 0.001 * (x - 400) + (y - 100) / 20 * (x - 400) / 200)
+    lax, strict = (line_f([], age, grazing_deg=deg)["missed"] for deg in (60.0, 90.0))
+    assert lax < strict - 10
+    assert lax >= 20 * 19 - 20  # the crossings on the left all count
+
+
+def test_excused_find_is_not_false() -> None:
+    found, excused = np.array([5.0, 50.0]), np.array([False, True])
+    assert count_matches(np.array([5.0]), found, np.array([3.0]), excused=excused) == Counts(1, 0, 0)
+    assert count_matches(np.array([5.0]), found, np.array([3.0])) == Counts(1, 0, 1)
+
+
+# --- pixels and fields --------------------------------------------------------------------------------------
+def test_boundary_pixels_are_left_and_above_the_change() -> None:
+    age = np.array([[0.2, 0.9, 1.1], [0.3, 1.2, 1.4], [np.nan, 1.2, 2.4]])
+    npt.assert_array_equal(boundary_pixels(age), [[False, True, False], [True, False, True], [False, True, False]])
+
+
+def test_rasterized_line_is_one_pixel_wide_and_where_it_was_drawn() -> None:
+    mask = rasterize([np.array([[2.0, 3.0], [8.0, 3.0]])], (6, 12))
+    npt.assert_array_equal(np.argwhere(mask), [[3, x] for x in range(2, 9)])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_phase_share_ignores_sign_and_constant_only(sign: float) -> None:
+    age = board_age()
+    phase = np.angle(np.exp(1j * (sign * 2 * np.pi * age + 1.234)))
+    assert phase_share(phase, age) == 1.0
+    phase[:, :32] += np.pi
+    assert phase_share(phase, age) == pytest.approx(0.9, abs=0.01)
+    noise = np.random.default_rng(0).uniform(-np.pi, np.pi, age.shape)
+    assert phase_share(noise, age) == pytest.approx(0.5, abs=0.02)
+
+
+def test_age_share_takes_one_constant_and_counts_missing_as_wrong() -> None:
+    age = board_age()
+    hat = age + 7.3
+    hat[:75] += 0.5
+    hat[75:90] = np.nan
+    scores = age_share(hat, age)
+    assert scores["age_share"] == pytest.approx(210 / 300)
+    assert scores["age_offset"] == pytest.approx(7.3)
+    assert age_share(age * 1.5, age)["age_share"] < 0.2
+    assert age_share(np.full_like(age, np.nan), age)["age_share"] == 0.0
+
+
+def test_age_correlation() -> None:
+    age = disc_age()
+    assert age_correlation(2 * age + 3, age) == pytest.approx(1.0)
+    assert age_correlation(-age, age) == pytest.approx(-1.0)
+    assert np.isnan(age_correlation(np.zeros_like(age), age))
+
+
+def test_psnr_is_that_of_a_known_error_and_blur_removes_noise() -> None:
+    image = np.random.default_rng(0).random((60, 60, 3))
+    assert psnr_blurred(image, image) == float("inf")
+    assert psnr_blurred(image, image + 0.1) == pytest.approx(20.0, abs=1e-3)
+    checker = 0.1 * (-1.0) ** np.add.outer(np.arange(60), np.arange(60))[..., None]
+    assert psnr_blurred(image, image + checker) > 50.0
+    half = image.copy()
+    half[:30] += 0.1
+    assert psnr_blurred(image, half, valid=np.arange(60)[:, None] + np.zeros((60, 60)) > 40) == float("inf")
+
+
+# --- labels -------------------------------------------------------------------------------------------------
+def _path(**changes: object) -> dict[str, object]:
+    x = [k * WIDTH - 40 - 0.15 * 100 for k in range(3, 19)]
+    path: dict[str, object] = {"start": [0, 100], "end": [319, 100], "positions": [[v, 100] for v in x]}
+    return path | {"uncertain": [0] * len(x)} | changes
+
+
+def test_path_score_of_a_perfect_and_a_shifted_tracing() -> None:
+    perfect = path_score(board_rings(), _path())
+    assert (perfect["sensitivity"], perfect["precision"], perfect["f"]) == (1.0, 1.0, 1.0)
+    assert path_score(board_rings(shift=4), _path())["f"] == 0.0
+    assert path_score(board_rings(shift=4), _path(), tolerance_px=5)["f"] == 1.0
+    assert path_score(board_rings(), [_path(), _path()])["matched"] == 2 * perfect["matched"]
+
+
+def test_path_positions_need_not_be_ordered() -> None:
+    positions = _path()["positions"]
+    assert isinstance(positions, list)
+    assert path_score(board_rings(), _path(positions=positions[::-1]))["f"] == 1.0
+
+
+def test_path_is_judged_only_where_it_is_labelled() -> None:
+    positions = _path()["positions"]
+    assert isinstance(positions, list)
+    cut = _path(positions=positions[4:], uncertain=[0] * (len(positions) - 4))
+    assert path_score(board_rings(), cut)["false"] == 4
+    assert path_score(board_rings(), cut | {"labelled_from_radius": positions[4][0] - 5})["false"] == 0
+
+
+def test_face_score_counts_lengths() -> None:
+    rings = [{"id": i, "uncertain": 0, "points": ring.tolist()} for i, ring in enumerate(board_rings())]
+    perfect = face_score(board_rings(), {"rings": rings})
+    assert (perfect["label_share"], perfect["traced_share"]) == (1.0, 1.0)
+    assert perfect["label_median_px"] < 0.3
+    assert face_score(board_rings(shift=6), {"rings": rings})["label_share"] < 0.05
+    half = [ring[: len(ring) // 2] for ring in board_rings()]
+    scores = face_score(half, {"rings": rings})
+    assert scores["label_share"] == pytest.approx(0.5, abs=0.05)
+    assert scores["traced_share"] == 1.0
+
+
+def test_face_score_leaves_out_uncertain_labels_and_ignored_places() -> None:
+    rings = [{"id": i, "uncertain": int(i == 4), "points": r.tolist()} for i, r in enumerate(board_rings())]
+    traced = board_rings()
+    assert face_score(traced, {"rings": rings})["traced_share"] == 1.0
+    assert face_score(traced[:4] + traced[5:], {"rings": rings})["label_share"] == 1.0
+    wild = [*traced, np.array([[100.0, 50.0], [140.0, 50.0]])]
+    label = {"rings": rings, "ignore": [[[90, 40], [150, 40], [150, 60], [90, 60]]]}
+    assert face_score(wild, {"rings": rings})["traced_share"] < 1.0
+    assert face_score(wild, label)["traced_share"] == 1.0

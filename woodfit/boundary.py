@@ -1,0 +1,155 @@
+"""Move a traced boundary onto the true edge: the abrupt step from latewood to earlywood.
+
+A sinusoid's phase only approximates the edge, by a fraction of a ring that changes with the share of latewood.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from woodfit.streamlines import smooth_along
+
+FloatArray = npt.NDArray[np.float32]
+
+
+def edge_strength(
+    value: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+    orientation: npt.NDArray[Any],
+    edge_direction: npt.NDArray[Any],
+    ring_scale_px: float,
+) -> FloatArray:
+    """Brightening per pixel along `edge_direction`, smoothed a little along the rings.
+
+    Parameters
+    ----------
+    value, valid : arrays of shape (M, N)
+        Grey values and wood mask.
+    orientation : array of shape (M, N)
+        Ring tangent in rad.
+    edge_direction : array of shape (M, N)
+        Direction in rad across the rings towards the bright side of the abrupt edge.
+    ring_scale_px : float
+        Characteristic ring width in pixels.
+
+    Returns
+    -------
+    float32 array of shape (M, N)
+        Positive at the edges sought, negative where the ring darkens.
+    """
+    along = float(np.clip(0.25 * ring_scale_px, 1.5, 6.0))
+    smooth, _ = smooth_along(value, valid, orientation, int(3 * along), along)
+    sigma = float(np.clip(0.04 * ring_scale_px, 0.6, 2.0))
+    smooth = cv2.GaussianBlur(smooth, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101)
+    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0) / 32.0
+    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1) / 32.0
+    return np.asarray(gx * np.cos(edge_direction) + gy * np.sin(edge_direction), dtype=np.float32)
+
+
+def edge_offsets(
+    strength: FloatArray,
+    points: npt.NDArray[np.float64],
+    direction_rad: npt.NDArray[Any],
+    ring_width_px: npt.NDArray[Any],
+    centre_rings: float,
+    spread_rings: float,
+    closed: bool,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Smoothest strong edge near a traced boundary, by dynamic programming over offsets across the rings.
+
+    Parameters
+    ----------
+    strength : array of shape (M, N)
+        From `edge_strength`.
+    points : array of shape (K, 2)
+        x, y of the vertices in pixels.
+    direction_rad : array of shape (K,)
+        Direction across the rings in which offsets are counted.
+    ring_width_px : array of shape (K,)
+        Local ring width.
+    centre_rings, spread_rings : float
+        Where the edge is expected relative to the traced line, and one standard deviation, in ring widths.
+    closed : bool
+        Whether the last vertex is next to the first.
+
+    Returns
+    -------
+    offset_px, contrast : arrays of shape (K,)
+        Offset along `direction_rad`, and the edge strength found there relative to the profile's mean slope size.
+    """
+    count = len(points)
+    bins = 41
+    # Offsets in units of the local ring width, so that narrow and wide stretches of one boundary share bins.
+    relative = centre_rings + np.linspace(-2.0, 2.0, bins) * spread_rings
+    offsets = relative[None, :] * np.asarray(ring_width_px)[:, None]
+    xs = points[:, 0:1] + offsets * np.cos(direction_rad)[:, None]
+    ys = points[:, 1:2] + offsets * np.sin(direction_rad)[:, None]
+    profile = cv2.remap(
+        strength,
+        xs.astype(np.float32),
+        ys.astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    ).astype(np.float64)
+    typical = np.abs(profile).mean(axis=1, keepdims=True) + 0.25 * np.abs(profile).mean() + 1e-9
+    reward = profile / typical - 0.5 * ((relative - centre_rings) / spread_rings)[None, :] ** 2
+    step_px = float(np.median(ring_width_px)) * (relative[1] - relative[0])
+    # A boundary may turn away from the traced one by about 1:3; each bin per pixel beyond that costs.
+    path = _best_path(reward, cost=2.0 * step_px, wraps=closed)
+    inner = np.clip(path, 1, bins - 2)
+    rows = np.arange(count)
+    left, mid, right = (reward[rows, inner + d] for d in (-1, 0, 1))
+    curve = left - 2.0 * mid + right
+    shift = np.where(curve < -1e-9, 0.5 * (left - right) / np.minimum(curve, -1e-9), 0.0)
+    shift = np.where(inner == path, np.clip(shift, -0.5, 0.5), 0.0)
+    exact = np.interp(path + shift, np.arange(bins), relative) * np.asarray(ring_width_px)
+    exact = _smooth(exact, closed)
+    contrast = profile[rows, path] / typical[:, 0]
+    return exact, contrast
+
+
+def _best_path(reward: npt.NDArray[np.float64], cost: float, wraps: bool) -> npt.NDArray[np.intp]:
+    """Bin per row with the greatest sum of rewards less `cost` times the squared change of bin."""
+    if wraps:
+        # Twice round, and the middle turn kept: no seam at the start.
+        turn = reward.shape[0]
+        return _viterbi(np.concatenate([reward, reward, reward]), cost)[turn : 2 * turn]
+    return _viterbi(reward, cost)
+
+
+@njit(cache=True)
+def _viterbi(reward: npt.NDArray[np.float64], cost: float) -> npt.NDArray[np.intp]:  # pragma: no cover - compiled
+    count, bins = reward.shape
+    score = reward[0].copy()
+    back = np.zeros((count, bins), np.int8)
+    for row in range(1, count):
+        ahead = np.empty(bins, np.float64)
+        for k in range(bins):
+            best = -np.inf
+            for change in range(-2, 3):
+                source = k + change
+                if 0 <= source < bins and score[source] - cost * change * change > best:
+                    best = score[source] - cost * change * change
+                    back[row, k] = change
+            ahead[k] = best + reward[row, k]
+        score = ahead
+    path = np.empty(count, np.intp)
+    path[count - 1] = int(score.argmax())
+    for row in range(count - 1, 0, -1):
+        path[row - 1] = path[row] + back[row, path[row]]
+    return path
+
+
+def _smooth(offset: npt.NDArray[np.float64], closed: bool, sigma: float = 2.0) -> npt.NDArray[np.float64]:
+    """Gaussian along the boundary, in vertices."""
+    reach = min(int(3 * sigma), len(offset) - 1)
+    if reach < 1:
+        return offset
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    padded = np.pad(offset, reach, mode="wrap" if closed else "reflect")
+    return np.convolve(padded, kernel / kernel.sum(), mode="valid")

@@ -1,0 +1,137 @@
+"""Colors over continuous ring age: an unrolled strip of rings, without a seam at the ring boundaries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ColorStrip:
+    """Color and lateness over ring age.
+
+    Attributes
+    ----------
+    age : float64 array of shape (S,)
+        Ring age at the sample centres: ``(i + 0.5) / samples_per_ring``.
+    rgb : float32 array of shape (S, 3)
+        Linear RGB.
+    lateness : float32 array of shape (S,)
+        0 earlywood to 1 latewood.
+    support : float32 array of shape (S,)
+        Face pixels behind each sample; 0 where it was filled.
+    """
+
+    age: npt.NDArray[np.float64]
+    rgb: npt.NDArray[np.float32]
+    lateness: npt.NDArray[np.float32]
+    support: npt.NDArray[np.float32]
+
+
+def fit_color_strip(
+    age: Array, rgb: Array, weight: Array, rings: int, samples_per_ring: int, latewood_is_dark: bool
+) -> ColorStrip:
+    """Robust color of every ring at every fraction of its growth.
+
+    Parameters
+    ----------
+    age : array of shape (N,)
+        Ring age of face pixels.
+    rgb : array of shape (N, 3)
+        Their linear color.
+    weight : array of shape (N,)
+        How far each counts.
+    rings, samples_per_ring : int
+        Size of the strip.
+    latewood_is_dark : bool
+        True for conifers; False for ring-porous wood, whose dark pores are earlywood.
+
+    Returns
+    -------
+    ColorStrip
+        Unseen rings take the face's mean profile at the brightness of the nearest seen ones.
+    """
+    size = rings * samples_per_ring
+    position = np.asarray(age) * samples_per_ring
+    cell = np.floor(position).astype(np.int64)
+    inside = (cell >= 0) & (cell < size) & (np.asarray(weight) > 0)
+    cell, values, mass = cell[inside], np.asarray(rgb, np.float64)[inside], np.asarray(weight, np.float64)[inside]
+    mean, support = _robust_mean(cell, values, mass, size)
+    table = mean.reshape(rings, samples_per_ring, 3)
+    counts = support.reshape(rings, samples_per_ring, 1)
+    profile = (table * counts).sum(axis=0) / np.maximum(counts.sum(axis=0), 1e-9)
+    profile = _fill_cyclic(profile, counts.sum(axis=0)[:, 0])
+    level = _ring_levels(table, counts, profile)
+    prior = profile[None] * level[:, None, :]
+    # A sample that few pixels back leans on what its ring and its fraction are like elsewhere.
+    lean = 6.0
+    blended = (table * counts + prior * lean) / (counts + lean)
+    strip = gaussian_filter1d(blended.reshape(size, 3), 0.6, axis=0, mode="nearest")
+    return ColorStrip(
+        (np.arange(size) + 0.5) / samples_per_ring,
+        np.clip(strip, 0.0, None).astype(np.float32),
+        _lateness(strip, rings, samples_per_ring, latewood_is_dark),
+        support.astype(np.float32),
+    )
+
+
+def _robust_mean(cell: Array, values: Array, mass: Array, size: int) -> tuple[Array, Array]:
+    """Mean per cell in which far-off pixels (pores, cracks, dust) fade; two rounds of reweighting."""
+    support = np.bincount(cell, mass, minlength=size)
+    weight = mass
+    mean = np.zeros((size, 3))
+    for _ in range(3):
+        total = np.bincount(cell, weight, minlength=size)
+        for channel in range(3):
+            mean[:, channel] = np.bincount(cell, weight * values[:, channel], minlength=size) / np.maximum(total, 1e-12)
+        miss = np.abs(values - mean[cell]).sum(axis=1)
+        scale = 3.0 * np.average(miss, weights=mass) + 1e-6 if len(miss) else 1.0
+        weight = mass / (1.0 + (miss / scale) ** 2)
+    return mean, support
+
+
+def _fill_cyclic(profile: Array, counts: Array) -> Array:
+    """Mean ring with empty fractions taken from their neighbours."""
+    seen = counts > 0
+    if not seen.any():
+        return np.full_like(profile, 0.5)
+    where = np.arange(len(profile))
+    filled = profile.copy()
+    for channel in range(3):
+        filled[:, channel] = np.interp(where, where[seen], profile[seen, channel])
+    return filled
+
+
+def _ring_levels(table: Array, counts: Array, profile: Array) -> Array:
+    """Color of each ring relative to the mean ring, smooth over rings that were not seen; shape (rings, 3)."""
+    mass = counts.sum(axis=(1, 2))
+    ratio = (table * counts).sum(axis=1) / np.maximum((profile[None] * counts).sum(axis=1), 1e-9)
+    rings = np.arange(len(mass))
+    seen = mass > 0
+    if not seen.any():
+        return np.ones_like(ratio)
+    level = np.ones_like(ratio)
+    for channel in range(3):
+        near = np.interp(rings, rings[seen], ratio[seen, channel])
+        spread = gaussian_filter1d(near, 2.0, mode="nearest")
+        level[:, channel] = np.where(seen, ratio[:, channel], spread)
+    return level
+
+
+def _lateness(strip: Array, rings: int, samples: int, latewood_is_dark: bool) -> npt.NDArray[np.float32]:
+    """Inverted HSL lightness of each ring, stretched between its own lightest and darkest parts."""
+    lightness = 0.5 * (strip.max(axis=1) + strip.min(axis=1)).reshape(rings, samples)
+    lightness = gaussian_filter1d(lightness, 1.0, axis=1, mode="nearest")
+    low, high = np.percentile(lightness, [4, 96], axis=1)
+    # A ring with hardly any contrast of its own is stretched no more than the typical one.
+    contrast = np.maximum(high - low, 0.35 * np.median(high - low) + 1e-6)
+    middle = 0.5 * (high + low)
+    darkness = 0.5 - (lightness - middle[:, None]) / contrast[:, None]
+    late = darkness if latewood_is_dark else 1.0 - darkness
+    return np.clip(late, 0.0, 1.0).reshape(-1).astype(np.float32)

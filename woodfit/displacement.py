@@ -1,0 +1,316 @@
+"""The radial displacement m_r: first from the traced rings, then polished on the phase (paper, Sec. 3.4 and 3.5).
+
+Both are the same weighted least squares on the cylindrical grid: observations say where ``r + m_r`` should be, a
+membrane energy keeps the field smooth between and beyond them. Where the phase can be trusted it gives the wanted
+displacement in closed form, so the cyclic loss is minimised by Gauss-Newton steps, from coarse to fine, instead of
+hundreds of gradient steps. Only the phase is compared, never the image: colors cannot pull rings out of shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from woodfit.cylinder_grid import CylinderGrid, trilinear, without_fold
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Places on the face and what is known there.
+
+    Attributes
+    ----------
+    radius, azimuth, height : arrays of shape (N,)
+        Tree coordinates (px, rad, px).
+    target : array of shape (N,)
+        Ring age for boundary vertices; wrapped ring phase in rad for pixels.
+    weight : array of shape (N,)
+        Confidence times the face area (px²) that the place stands for.
+    """
+
+    radius: Array
+    azimuth: Array
+    height: Array
+    target: Array
+    weight: Array
+
+
+class _Interpolation:
+    """Trilinear interpolation as a sparse matrix and its transpose."""
+
+    def __init__(self, grid: CylinderGrid, places: Observations) -> None:
+        index, weight = trilinear(grid, places.radius, places.azimuth, places.height)
+        count, nodes = len(index), int(np.prod(grid.shape))
+        self.forward = torch.sparse_csr_tensor(
+            torch.arange(0, 8 * count + 1, 8),
+            torch.from_numpy(index.ravel()),
+            torch.from_numpy(weight.ravel()),
+            size=(count, nodes),
+            dtype=torch.float32,
+        )
+        order = np.argsort(index.ravel(), kind="stable")
+        starts = np.concatenate([[0], np.cumsum(np.bincount(index.ravel(), minlength=nodes))])
+        self.backward = torch.sparse_csr_tensor(
+            torch.from_numpy(starts),
+            torch.from_numpy(order // 8),
+            torch.from_numpy(weight.ravel()[order]),
+            size=(nodes, count),
+            dtype=torch.float32,
+        )
+
+    def at(self, field: torch.Tensor) -> torch.Tensor:
+        return self.forward @ field
+
+    def back(self, values: torch.Tensor) -> torch.Tensor:
+        return self.backward @ values
+
+
+class _Membrane:
+    """Energy of a field's slopes in the metric of the tree, per unit volume."""
+
+    def __init__(self, grid: CylinderGrid, along_stem: float) -> None:
+        self.shape = grid.shape
+        self.wraps = grid.wraps
+        dr, da, dh = grid.steps
+        # A face seen from end to end gives one layer of height: its extent is not a scale.
+        dh = max(dh, 1.0)
+        arc = np.maximum(grid.radius, dr) * da
+        volume = arc * dr * dh
+        between = 0.5 * (volume[1:] + volume[:-1]) / dr**2
+        self.radial = torch.from_numpy(between.astype(np.float32))[:, None, None]
+        self.turning = torch.from_numpy((volume / arc**2).astype(np.float32))[:, None, None]
+        self.rising = torch.from_numpy((along_stem * volume / dh**2).astype(np.float32))[:, None, None]
+
+    def gradient(self, flat: torch.Tensor) -> torch.Tensor:
+        field = flat.view(self.shape)
+        out = torch.zeros_like(field)
+        slope = self.radial * (field[1:] - field[:-1])
+        out[1:] += slope
+        out[:-1] -= slope
+        slope = self.turning * (field[:, 1:] - field[:, :-1])
+        out[:, 1:] += slope
+        out[:, :-1] -= slope
+        if self.wraps:
+            slope = (self.turning * (field[:, :1] - field[:, -1:]))[:, 0]
+            out[:, 0] += slope
+            out[:, -1] -= slope
+        slope = self.rising * (field[:, :, 1:] - field[:, :, :-1])
+        out[:, :, 1:] += slope
+        out[:, :, :-1] -= slope
+        return out.reshape(-1)
+
+    def diagonal(self) -> torch.Tensor:
+        out = torch.zeros(self.shape)
+        out[1:] += self.radial
+        out[:-1] += self.radial
+        out += 2.0 * self.turning + 2.0 * self.rising
+        return out.reshape(-1)
+
+
+def _solve(
+    terms: Sequence[tuple[_Interpolation, torch.Tensor, torch.Tensor]],
+    membrane: _Membrane,
+    stiffness: float,
+    start: torch.Tensor,
+    iterations: int,
+) -> torch.Tensor:
+    """Conjugate gradients on sum w (A m - t)² + stiffness * membrane(m)."""
+    ridge = 1e-4 * stiffness
+
+    def apply(field: torch.Tensor) -> torch.Tensor:
+        total = stiffness * membrane.gradient(field) + ridge * field
+        for places, weight, _ in terms:
+            total = total + places.back(weight * places.at(field))
+        return total
+
+    right = torch.zeros_like(start)
+    diagonal = stiffness * membrane.diagonal() + ridge
+    for places, weight, target in terms:
+        right = right + places.back(weight * target)
+        # Row sums bound the diagonal of A' W A from above: a safe preconditioner without squaring the matrix.
+        diagonal = diagonal + places.back(weight)
+    field = start.clone()
+    residual = right - apply(field)
+    scaled = residual / diagonal
+    direction = scaled.clone()
+    power = torch.dot(residual, scaled)
+    first = power
+    for _ in range(iterations):
+        if float(power) <= 1e-10 * float(first) or float(power) == 0.0:
+            break
+        moved = apply(direction)
+        step = power / torch.dot(direction, moved)
+        field = field + step * direction
+        residual = residual - step * moved
+        scaled = residual / diagonal
+        following = torch.dot(residual, scaled)
+        direction = scaled + (following / power) * direction
+        power = following
+    return field
+
+
+def age_of_radius(radius: Array, ring_radius: Array) -> tuple[Array, Array]:
+    """Ring age at an ideal radius and the local ring width, both of the shape of `radius`.
+
+    Parameters
+    ----------
+    radius : array
+        Ideal (undistorted) radius, px.
+    ring_radius : array of shape (N,)
+        Radius at age 0, 1, ... N-1; beyond, rings continue with the mean width of the outermost ten.
+
+    Returns
+    -------
+    age, width_px : arrays
+    """
+    table = np.asarray(ring_radius, np.float64)
+    count = len(table)
+    last = float((table[-1] - table[max(0, count - 11)]) / max(1, min(10, count - 1)))
+    ring = np.clip(np.searchsorted(table, radius, side="right") - 1, 0, count - 2)
+    width = np.diff(table)[ring]
+    age = ring + (radius - table[ring]) / width
+    beyond = radius >= table[-1]
+    age = np.where(beyond, count - 1 + (radius - table[-1]) / last, np.maximum(age, 0.0))
+    return age, np.where(beyond, last, width)
+
+
+def radius_of_age(age: Array, ring_radius: Array) -> Array:
+    """Ideal radius (px) of a ring age; the inverse of `age_of_radius`."""
+    table = np.asarray(ring_radius, np.float64)
+    count = len(table)
+    last = float((table[-1] - table[max(0, count - 11)]) / max(1, min(10, count - 1)))
+    inside = np.interp(age, np.arange(count), table)
+    return np.asarray(inside + np.maximum(np.asarray(age) - (count - 1), 0.0) * last)
+
+
+def initial_displacement(
+    grid: CylinderGrid, boundaries: Observations, ring_radius: Array, stiffness_px: float, along_stem: float
+) -> npt.NDArray[np.float32]:
+    """Displacement that takes each traced boundary vertex to its ring's ideal radius.
+
+    Parameters
+    ----------
+    grid : CylinderGrid
+        Of the texture.
+    boundaries : Observations
+        Vertices with their ring age as target.
+    ring_radius : array of shape (N,)
+        Ideal radii at ages 0, 1, ...
+    stiffness_px : float
+        Length over which the field is smoothed.
+    along_stem : float
+        How much stiffer it is along the stem.
+
+    Returns
+    -------
+    float32 array of the grid's shape
+        ``r + m_r`` increases with r.
+    """
+    wanted = radius_of_age(boundaries.target, ring_radius) - boundaries.radius
+    weight = torch.from_numpy(np.asarray(boundaries.weight, np.float32))
+    target = torch.from_numpy(wanted.astype(np.float32))
+    places, membrane = _Interpolation(grid, boundaries), _Membrane(grid, along_stem)
+    field = torch.zeros(int(np.prod(grid.shape)))
+    robust = weight
+    for _ in range(3):
+        field = _solve([(places, robust, target)], membrane, stiffness_px, field, 150)
+        miss = torch.abs(places.at(field) - target)
+        # A wrongly numbered boundary must not bend its neighbours: beyond some median misses it fades.
+        scale = 3.0 * float(miss.median()) + 1.0
+        robust = weight / (1.0 + (miss / scale) ** 2)
+    return without_fold(field.view(grid.shape).numpy(), grid.radius).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Polished:
+    """Result of `polish`: displacement (float32, of the grid's shape) and the loss after each step."""
+
+    displacement: npt.NDArray[np.float32]
+    loss: npt.NDArray[np.float64]
+
+
+def cyclic_loss(difference_rad: Array, weight: Array) -> float:
+    """Weighted mean of 1 - cos of phase differences: 0 when equal, 1 for noise, 2 when opposite."""
+    return float((weight * (1.0 - np.cos(difference_rad))).sum() / max(float(weight.sum()), 1e-12))
+
+
+def polish(
+    grid: CylinderGrid,
+    start: Array,
+    pixels: Observations,
+    boundaries: Observations,
+    ring_radius: Array,
+    stiffness_px: Sequence[float],
+    along_stem: float,
+    boundary_share: float = 0.5,
+) -> Polished:
+    """Minimise the cyclic phase difference between face and model over the displacement.
+
+    Parameters
+    ----------
+    grid : CylinderGrid
+        Of the texture.
+    start : array of the grid's shape
+        Initial displacement, px; its phase should be within pi/2 of the observed one.
+    pixels : Observations
+        Face pixels with their wrapped ring phase (rad).
+    boundaries : Observations
+        Boundary vertices with their ring age: they hold the exact edges, which a sinusoid's phase only approximates.
+    ring_radius : array of shape (N,)
+        Ideal radii at ages 0, 1, ...
+    stiffness_px : sequence of float
+        Smoothing length of each Gauss-Newton step, from coarse to fine.
+    along_stem : float
+        How much stiffer the field is along the stem.
+    boundary_share : float
+        Weight of all boundary vertices together, relative to all pixels together.
+
+    Returns
+    -------
+    Polished
+    """
+    membrane = _Membrane(grid, along_stem)
+    at_pixels, at_vertices = _Interpolation(grid, pixels), _Interpolation(grid, boundaries)
+    field = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
+    heavy = boundary_share * float(pixels.weight.sum()) / max(float(boundaries.weight.sum()), 1e-9)
+    losses = []
+    for stiffness in stiffness_px:
+        now = at_pixels.at(field).numpy()
+        age, width = age_of_radius(pixels.radius + now, ring_radius)
+        turn = pixels.target - 2.0 * np.pi * age
+        turn = turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+        if not losses:
+            losses.append(cyclic_loss(turn, pixels.weight))
+        # 1 - cos(x) is a parabola of height x sin(x): the weight of its Gauss-Newton step is sin(x) / x.
+        fades = np.sinc(turn / np.pi)
+        # In rings, not px: wide and narrow rings count alike.
+        scale = np.median(width)
+        weight = pixels.weight * fades * (scale / width) ** 2
+        wanted = now + turn / (2.0 * np.pi) * width
+
+        held = at_vertices.at(field).numpy()
+        vertex_age, vertex_width = age_of_radius(boundaries.radius + held, ring_radius)
+        miss = boundaries.target - vertex_age
+        vertex_weight = heavy * boundaries.weight * (scale / vertex_width) ** 2 / (1.0 + (miss / 0.25) ** 2)
+        vertex_wanted = radius_of_age(boundaries.target, ring_radius) - boundaries.radius
+        terms = [
+            (at_pixels, _tensor(weight), _tensor(wanted)),
+            (at_vertices, _tensor(vertex_weight), _tensor(vertex_wanted)),
+        ]
+        field = _solve(terms, membrane, float(stiffness), field, 60)
+        smooth = without_fold(field.view(grid.shape).numpy(), grid.radius)
+        field = torch.from_numpy(smooth.astype(np.float32).reshape(-1))
+        age, _ = age_of_radius(pixels.radius + at_pixels.at(field).numpy(), ring_radius)
+        losses.append(cyclic_loss(pixels.target - 2.0 * np.pi * age, pixels.weight))
+    return Polished(field.view(grid.shape).numpy().copy(), np.asarray(losses))
+
+
+def _tensor(values: Array) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(values, np.float32))

@@ -1,0 +1,247 @@
+"""Which way the tree grew: one consistent outward direction over the whole face.
+
+`curved_gabor` says locally, and with doubt, on which side of a ring the abrupt edge brightens. Here the doubtful
+places are settled by their neighbours, and the whole by geometry: rings are convex outwards, and on a face that
+shows both sides of the tree the growth directions part at the pith.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from woodfit.streamlines import smooth_along
+
+FloatArray = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Outward direction of growth on an image of shape (M, N).
+
+    Attributes
+    ----------
+    direction : float32 array of shape (M, N)
+        Outward direction in rad, image frame.
+    bright_outwards : bool
+        True where the abrupt edge brightens outwards (conifers); False where it darkens (ring-porous wood).
+    sureness : float
+        0.5 for a guess to 1 for certain.
+    flux : float
+        Mean outward flux per unit length of the wood's outline, -1..1: its sign decides `bright_outwards`.
+    """
+
+    direction: FloatArray
+    bright_outwards: bool
+    sureness: float
+    flux: float
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """The face on a grid of half a ring: unit normals, bonds to eight neighbours, evidence for the normal's sign."""
+
+    normal_x: FloatArray
+    normal_y: FloatArray
+    bonds: list[tuple[int, int, FloatArray]]
+    asymmetry: FloatArray
+    convexity: FloatArray
+
+
+def _cells(
+    normal: npt.NDArray[Any],
+    asymmetry: npt.NDArray[Any],
+    confidence: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+    ring_scale_px: float,
+) -> _Cells:
+    height, width = normal.shape
+    step = max(1, round(0.5 * ring_scale_px))
+    size = (max(2, width // step), max(2, height // step))
+
+    def shrink(a: npt.NDArray[Any]) -> FloatArray:
+        return np.asarray(cv2.resize(a.astype(np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+    # Orientation by doubled angle survives averaging over cells in which the sign flickers.
+    base = np.asarray(normal, np.float32)
+    weight = confidence * valid + 1e-4
+    cos2, sin2 = shrink(weight * np.cos(2 * base)), shrink(weight * np.sin(2 * base))
+    angle = 0.5 * np.arctan2(sin2, cos2)
+    nx, ny = np.cos(angle), np.sin(angle)
+    strength = shrink(weight)
+    pad_x, pad_y, pad_w = (np.pad(a, 1) for a in (nx, ny, strength))
+    rows, cols = nx.shape
+    bonds = []
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            if (dy, dx) == (0, 0):
+                continue
+            part = (slice(1 + dy, 1 + dy + rows), slice(1 + dx, 1 + dx + cols))
+            # Along a ring growth never turns round; across, it may, at the pith.
+            length = math.hypot(dx, dy)
+            along = ((ny * dx - nx * dy) / length) ** 2
+            parallel = nx * pad_x[part] + ny * pad_y[part]
+            bonds.append((dy, dx, np.sqrt(strength * pad_w[part]) * parallel * (0.4 + 12.0 * along**2) / length))
+    vx, vy = (shrink(weight * asymmetry * trig(base)) for trig in (np.cos, np.sin))
+    cos2, sin2 = (cv2.GaussianBlur(a, (0, 0), 2.0) for a in (cos2, sin2))
+    turn_x = cos2 * cv2.Scharr(sin2, cv2.CV_32F, 1, 0) - sin2 * cv2.Scharr(cos2, cv2.CV_32F, 1, 0)
+    turn_y = cos2 * cv2.Scharr(sin2, cv2.CV_32F, 0, 1) - sin2 * cv2.Scharr(cos2, cv2.CV_32F, 0, 1)
+    # Turn of the normal per cell along the tangent (-ny, nx): positive where the normal points away from the centre.
+    bend = (turn_y * nx - turn_x * ny) / (64.0 * np.maximum(cos2 * cos2 + sin2 * sin2, 1e-9))
+    return _Cells(nx, ny, bonds, vx * nx + vy * ny, (strength * np.tanh(3.0 * bend)).astype(np.float32))
+
+
+def _anneal(cells: _Cells, evidence: FloatArray) -> tuple[FloatArray, float]:
+    """Mean-field spins in -1..1 under `evidence`, and the (negative) energy they reach per cell."""
+    rows, cols = evidence.shape
+    scale = float(np.mean([np.abs(bond).mean() for _, _, bond in cells.bonds])) + 1e-9
+
+    def field(spin: FloatArray) -> FloatArray:
+        padded = np.pad(spin, 1)
+        total = np.zeros_like(spin)
+        for dy, dx, bond in cells.bonds:
+            total += bond * padded[1 + dy : 1 + dy + rows, 1 + dx : 1 + dx + cols]
+        return total
+
+    far = [cv2.GaussianBlur(evidence * n, (0, 0), 8.0) for n in (cells.normal_x, cells.normal_y)]
+    spin = (0.5 * np.sign(far[0] * cells.normal_x + far[1] * cells.normal_y)).astype(np.float32)
+    for turn in range(400):
+        heat = 4.0 * (1.0 - turn / 400) + 0.2
+        spin = 0.5 * spin + 0.5 * np.tanh((evidence + field(spin)) / (heat * scale))
+    return spin, float((evidence * spin + 0.5 * field(spin) * spin).mean())
+
+
+def outward_flux(direction: npt.NDArray[Any], confidence: npt.NDArray[Any], ring_scale_px: float) -> float:
+    """Confidence-weighted divergence of a direction field per unit length of outline, -1..1.
+
+    Positive where the directions spread: convex rings, and the pith line at which two sides part.
+    """
+    step = max(1, round(0.5 * ring_scale_px))
+    size = (max(3, direction.shape[1] // step), max(3, direction.shape[0] // step))
+
+    def shrink(a: npt.NDArray[Any]) -> FloatArray:
+        return np.asarray(cv2.resize(a.astype(np.float32), size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+    weight = shrink(confidence) + 1e-6
+    gx, gy = shrink(confidence * np.cos(direction)) / weight, shrink(confidence * np.sin(direction)) / weight
+    spread = 0.0
+    for a, axis in ((gx, 1), (gy, 0)):
+        ahead, behind = (slice(None), slice(1, None)), (slice(None), slice(None, -1))
+        if axis == 0:
+            ahead, behind = ahead[::-1], behind[::-1]
+        spread += float(np.sum(np.sqrt(weight[ahead] * weight[behind]) * (a[ahead] - a[behind])))
+    outline = 2.0 * (size[0] + size[1]) * float(weight.mean())
+    return float(np.clip(spread / max(outline, 1e-9), -1.0, 1.0))
+
+
+def pore_evidence(
+    value: npt.NDArray[Any],
+    orientation: npt.NDArray[Any],
+    wave_phase: npt.NDArray[Any],
+    confidence: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+) -> float:
+    """Whether the wood is full of vessels: skewness of the fine texture, summed over the dark and bright halves.
+
+    Vessels are dark spots and streaks on either half of a ring; tracheids, fibres and sensor noise are nearly
+    symmetric. Measured on nineteen real scans and on synthetic wood: below -0.8 for every ring-porous one, above for
+    every other.
+
+    Parameters
+    ----------
+    value, orientation : arrays of shape (M, N)
+        Grey values; ring tangent in rad.
+    wave_phase : array of shape (M, N)
+        Phase of the fitted wave in rad: 0 where the ring is brightest.
+    confidence, valid : arrays of shape (M, N)
+        Where to look.
+
+    Returns
+    -------
+    float
+        Sum of the two skewnesses; 0 when there is too little to tell.
+    """
+    smooth, _ = smooth_along(value, valid, orientation, 9, 3.0)
+    fine = np.asarray(value, np.float32) - smooth
+    trusted = (confidence > 0.3) & valid
+    total = 0.0
+    for half in (1.0, -1.0):
+        part = fine[trusted & (half * np.cos(wave_phase) > 0.3)].astype(np.float64)
+        if part.size < 500:
+            return 0.0
+        part = part - part.mean()
+        total += float((part**3).mean() / max(float((part**2).mean()) ** 1.5, 1e-12))
+    return total
+
+
+def find_growth(
+    normal: npt.NDArray[Any],
+    asymmetry: npt.NDArray[Any],
+    confidence: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+    ring_scale_px: float,
+    bright_outwards: bool | None = None,
+    pores: float = 0.0,
+) -> Growth:
+    """Outward direction of growth over a face.
+
+    An Ising model on a grid of half a ring: each cell holds a sign relative to its normal. Evidence is the asymmetry
+    of the profile and the convexity of the rings; neighbours agree, along a ring much more strongly than across.
+    Both readings of the asymmetry (brightening or darkening outwards) are tried, and the one that agrees better with
+    the geometry wins.
+
+    Parameters
+    ----------
+    normal, asymmetry, confidence : arrays of shape (M, N)
+        From the curved Gabor filter: direction in rad, 0..1, 0..1.
+    valid : bool array of shape (M, N)
+        The wood.
+    ring_scale_px : float
+        Characteristic ring width in pixels of these arrays.
+    bright_outwards : bool, optional
+        The user's word on whether the abrupt edge brightens outwards; found when not given.
+    pores : float
+        From `pore_evidence`: vessels make the abrupt edge the onset of dark pores.
+
+    Returns
+    -------
+    Growth
+    """
+    cells = _cells(normal, asymmetry, confidence, valid, ring_scale_px)
+    readings = (True, False) if bright_outwards is None else (bright_outwards,)
+    reached = {}
+    for outwards in readings:
+        evidence = cells.convexity + (1.0 if outwards else -1.0) * cells.asymmetry
+        spin, energy = _anneal(cells, evidence)
+        direction = _expand(cells, spin, normal)
+        flux = outward_flux(direction, confidence * valid, ring_scale_px)
+        # Outward directions part at the pith: a converging field pays for its flux.
+        reached[outwards] = (energy + 0.2 * float(np.abs(evidence).mean()) * flux, direction, flux)
+    if bright_outwards is not None:
+        outwards, sureness = bright_outwards, 1.0
+    else:
+        gain = float(np.abs(cells.asymmetry).mean() + np.abs(cells.convexity).mean()) + 1e-9
+        lead = (reached[True][0] - reached[False][0]) / gain
+        # Conifer is the rule; geometry or pores must speak clearly against it.
+        vote = float(np.clip(lead / 0.4, -1.5, 1.5)) + float(np.clip((pores + 0.8) / 0.5, -1.0, 0.6)) + 0.1
+        outwards = vote > 0.0
+        sureness = 0.5 + 0.5 * min(1.0, abs(vote) / 1.2)
+    _, direction, flux = reached[outwards]
+    return Growth(direction, outwards, float(sureness), flux)
+
+
+def _expand(cells: _Cells, spin: FloatArray, normal: npt.NDArray[Any]) -> FloatArray:
+    """Normals of shape (M, N) turned by 180 degrees where the spins of their cells say so."""
+    height, width = normal.shape
+    full_x, full_y = (
+        cv2.resize((spin * n).astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+        for n in (cells.normal_x, cells.normal_y)
+    )
+    base = np.asarray(normal, np.float32)
+    turned = np.where(full_x * np.cos(base) + full_y * np.sin(base) < 0.0, base + np.pi, base)
+    return np.asarray(np.arctan2(np.sin(turned), np.cos(turned)), dtype=np.float32)

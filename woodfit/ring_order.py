@@ -1,0 +1,199 @@
+"""Consecutive indices for traced boundaries: who is whose neighbour, and how many rings lie between.
+
+From points along each boundary a walk goes outwards until it meets the next one and counts the cycles of the
+frequency field on its way. Each meeting is a vote "index of b = index of a + n"; votes are joined from the strongest
+down. A gap in one place is bridged by another, and where the count says that a boundary was missed, the index says so
+too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+
+@dataclass(frozen=True)
+class Order:
+    """Indices of traced boundaries.
+
+    Attributes
+    ----------
+    index : int array of shape (R,)
+        Growing outwards, smallest 1; boundaries that are pieces of one ring share it.
+    group : int array of shape (R,)
+        Boundaries of one group are tied by votes; between groups the index is a guess. 0 is the largest.
+    agreement : float array of shape (R,)
+        Share of a boundary's votes that the result satisfies, 0..1 (0.5 without votes).
+    """
+
+    index: npt.NDArray[np.int64]
+    group: npt.NDArray[np.int64]
+    agreement: npt.NDArray[np.float64]
+
+
+@njit(cache=True)
+def _meet(
+    labels: npt.NDArray[np.int32],
+    grow_x: npt.NDArray[np.float32],
+    grow_y: npt.NDArray[np.float32],
+    frequency: npt.NDArray[np.float32],
+    valid: npt.NDArray[np.bool_],
+    x: float,
+    y: float,
+    own: int,
+    outwards: float,
+    most_cycles: float,
+) -> tuple[int, float, bool]:  # pragma: no cover - compiled
+    """Walk across the rings; returns the boundary met (0 for none), cycles passed, and whether growth reversed."""
+    height, width = labels.shape
+    ix, iy = int(x + 0.5), int(y + 0.5)
+    hx, hy = outwards * grow_x[iy, ix], outwards * grow_y[iy, ix]
+    cycles = 0.0
+    reversed_growth = False
+    step = 0.7
+    for _ in range(4000):
+        x += step * hx
+        y += step * hy
+        if not (x >= -0.49 and y >= -0.49 and x < width - 0.51 and y < height - 0.51):
+            return 0, cycles, reversed_growth
+        ix, iy = int(x + 0.5), int(y + 0.5)
+        if not valid[iy, ix]:
+            return 0, cycles, reversed_growth
+        cycles += step * frequency[iy, ix]
+        met = labels[iy, ix]
+        if met > 0 and (met != own or reversed_growth):
+            return met, cycles, reversed_growth
+        gx, gy = outwards * grow_x[iy, ix], outwards * grow_y[iy, ix]
+        if reversed_growth:
+            gx, gy = -gx, -gy
+        turn = gx * hx + gy * hy
+        if turn < -0.2:
+            # Only an inward walk may pass the pith and come out on the other side.
+            if outwards > 0.0 or reversed_growth:
+                return 0, cycles, reversed_growth
+            reversed_growth = True
+            gx, gy = -gx, -gy
+        if turn < -0.2 or turn > 0.2:
+            hx, hy = 0.7 * hx + 0.3 * gx, 0.7 * hy + 0.3 * gy
+            norm = np.sqrt(hx * hx + hy * hy)
+            hx, hy = hx / norm, hy / norm
+        if cycles > most_cycles:
+            return 0, cycles, reversed_growth
+    return 0, cycles, reversed_growth
+
+
+def _votes(
+    polylines: Sequence[npt.NDArray[np.float64]],
+    closed: Sequence[bool],
+    growth: npt.NDArray[Any],
+    frequency: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+) -> dict[tuple[int, int, int], float]:
+    """Weight of each vote (a, b, n): the index of b is n more than that of a."""
+    labels = np.zeros(growth.shape, np.int32)
+    for number, (points, loop) in enumerate(zip(polylines, closed, strict=True), start=1):
+        # Two pixels thick, so that no walk slips through diagonally.
+        cv2.polylines(labels, [np.round(points * 16).astype(np.int32)], loop, number, thickness=2, shift=4)
+    grow_x, grow_y = np.cos(growth).astype(np.float32), np.sin(growth).astype(np.float32)
+    freq = np.ascontiguousarray(frequency, np.float32)
+    height, width = growth.shape
+    votes: dict[tuple[int, int, int], float] = {}
+    for number, points in enumerate(polylines, start=1):
+        for x, y in points[:: max(1, min(4, len(points) // 12))]:
+            x, y = float(np.clip(x, 0, width - 1)), float(np.clip(y, 0, height - 1))
+            for outwards in (1.0, -1.0):
+                met, cycles, turned = _meet(labels, grow_x, grow_y, freq, valid, x, y, number, outwards, 4.6)
+                if met == 0 or met == number:
+                    continue
+                apart = 0 if turned else max(1, round(cycles))
+                # Counting one ring is certain, counting several less and less so.
+                weight = 0.3 if turned else 1.0 / max(1.0, cycles) ** 2
+                a, b = (number, met) if outwards > 0 else (met, number)
+                key = (a, b, apart) if a < b else (b, a, -apart)
+                votes[key] = votes.get(key, 0.0) + weight
+    return votes
+
+
+def order_rings(
+    polylines: Sequence[npt.NDArray[np.float64]],
+    closed: Sequence[bool],
+    growth: npt.NDArray[Any],
+    frequency: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+) -> Order:
+    """Give every boundary its index.
+
+    Parameters
+    ----------
+    polylines : sequence of arrays of shape (K, 2)
+        x, y of the boundaries in pixels.
+    closed : sequence of bool
+        Whether each returns to its start.
+    growth, frequency : arrays of shape (M, N)
+        Outward direction in rad, rings per pixel.
+    valid : bool array of shape (M, N)
+        The wood.
+
+    Returns
+    -------
+    Order
+    """
+    count = len(polylines)
+    votes = _votes(polylines, closed, growth, frequency, valid)
+    parent = list(range(count))
+    offset = [0] * count
+
+    def find(node: int) -> tuple[int, int]:
+        above = 0
+        while parent[node] != node:
+            above += offset[node]
+            node = parent[node]
+        return node, above
+
+    # A pair's rival votes weaken each other: a clear majority joins first.
+    best: dict[tuple[int, int], tuple[float, int]] = {}
+    total: dict[tuple[int, int], float] = {}
+    for (a, b, apart), weight in votes.items():
+        total[a, b] = total.get((a, b), 0.0) + weight
+        if weight > best.get((a, b), (0.0, 0))[0]:
+            best[a, b] = (weight, apart)
+    ranked = sorted(best, key=lambda pair: (-(2.0 * best[pair][0] - total[pair]), pair))
+    for a, b in ranked:
+        weight, apart = best[a, b]
+        (root_a, above_a), (root_b, above_b) = find(a - 1), find(b - 1)
+        if root_a != root_b:
+            # index(b) - index(a) = apart, and index(x) = index(root) + above.
+            parent[root_b] = root_a
+            offset[root_b] = above_a + apart - above_b
+    roots, index = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    for node in range(count):
+        roots[node], index[node] = find(node)
+    length = np.array([len(points) for points in polylines], np.float64)
+    names, inverse = np.unique(roots, return_inverse=True) if count else (np.zeros(0), np.zeros(0, int))
+    mass = np.bincount(inverse, weights=length, minlength=len(names)) if count else np.zeros(0)
+    rank = np.empty(len(names), np.int64)
+    rank[np.argsort(-mass, kind="stable")] = np.arange(len(names))
+    group = rank[inverse] if count else np.zeros(0, np.int64)
+    for number in range(len(names)):
+        members = group == number
+        index[members] += 1 - index[members].min()
+    return Order(index, group, _agreement(votes, index, group))
+
+
+def _agreement(
+    votes: dict[tuple[int, int, int], float], index: npt.NDArray[np.int64], group: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float64]:
+    """Share of each boundary's votes that the indices satisfy."""
+    kept, cast = np.full(len(index), 0.5), np.ones(len(index))
+    for (a, b, apart), weight in votes.items():
+        right = group[a - 1] == group[b - 1] and index[b - 1] - index[a - 1] == apart
+        for node in (a - 1, b - 1):
+            cast[node] += weight
+            kept[node] += weight * right
+    return np.asarray(kept / cast)

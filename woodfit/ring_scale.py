@@ -1,0 +1,128 @@
+"""How wide the rings of a scan are, before anything else is known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from woodfit.streamlines import fit_across, smooth_along
+from woodfit.structure_tensor import orientation
+
+FloatArray = npt.NDArray[np.float32]
+
+#: Wavelengths tried at each level of the pyramid, in pixels of that level.
+WAVELENGTHS_PX = np.array([4.0, 5.66, 8.0, 11.3, 16.0], np.float32)
+
+
+def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """Share of the contour-smoothed profile's variance that a wave explains, per wavelength.
+
+    Noise, pores and rays do not survive the smoothing along the contours or are not periodic across them; rings
+    are both. The share has no unit, so levels of a pyramid compare.
+
+    Parameters
+    ----------
+    value, valid : arrays of shape (M, N)
+        Grey values and the wood.
+
+    Returns
+    -------
+    array of shape (5,)
+        Mean explained share over a grid of pixels, one for each of `WAVELENGTHS_PX`.
+    """
+    angle, _ = orientation(value, valid, 1.0, 6.0)
+    smooth, support = smooth_along(value, valid, angle, 24, 10.0)
+    height, width = value.shape
+    rows, cols = np.mgrid[2 : height - 1 : max(3, height // 40), 2 : width - 1 : max(3, width // 60)]
+    inside = valid[rows, cols]
+    rows, cols = rows[inside], cols[inside]
+    if rows.size == 0:
+        return np.zeros(WAVELENGTHS_PX.size)
+    frequency = np.repeat(1.0 / WAVELENGTHS_PX[None, :], rows.size, axis=0)
+    response, explained = fit_across(smooth, support, angle + np.pi / 2, rows, cols, frequency, 48, 0.5)
+    # A faint preference for contrast: among equally periodic scales the stronger one is the rings.
+    power = (np.abs(response) ** 2).mean(axis=0)
+    return np.asarray(explained.mean(axis=0) * (power / (power.max() + 1e-12)) ** 0.05, dtype=np.float64)
+
+
+def ring_scale(
+    shape: tuple[int, int],
+    window: Callable[[int, int, int, int, int], tuple[FloatArray, npt.NDArray[np.bool_]]],
+    window_px: int = 384,
+) -> float:
+    """Characteristic ring width of a scan, from windows of a pyramid.
+
+    Parameters
+    ----------
+    shape : tuple of two int
+        Rows and columns of the scan.
+    window : callable
+        ``window(row, col, rows, cols, step)`` returns grey values and valid mask of that part of the scan, reduced
+        by `step` by averaging; so that a gigapixel scan is never read whole.
+    window_px : int
+        Side of a window at its own level of the pyramid.
+
+    Returns
+    -------
+    float
+        Width in scan px at which a wave explains most of the contour-smoothed image.
+    """
+    height, width = shape
+    candidates: list[tuple[float, float]] = []
+    step = 1
+    while min(height, width) / step >= 10 and max(height, width) / step >= 48:
+        side = window_px * step
+        scores = []
+        for row in _starts(height, side):
+            for col in _starts(width, side):
+                value, valid = window(row, col, min(side, height), min(side, width), step)
+                if valid.mean() > 0.05 and min(value.shape) >= 8:
+                    scores.append((level_scores(value, valid), valid.mean()))
+        if scores:
+            score = np.average([s for s, _ in scores], axis=0, weights=[w for _, w in scores])
+            longest = max(height, width) / 5.0
+            # On a strip only a few pixels high nothing tells a ring from shading.
+            score = score * min(1.0, min(height, width) / (20.0 * step))
+            candidates += [
+                (float(s), float(w * step)) for s, w in zip(score, WAVELENGTHS_PX, strict=True) if w * step < longest
+            ]
+        step *= 2
+    if not candidates:
+        return float(max(8.0, max(shape) / 8.0))
+    return _peak(candidates)
+
+
+def _starts(length: int, side: int) -> list[int]:
+    """At most three window starts, spread evenly over `length`."""
+    if length <= side:
+        return [0]
+    count = min(3, -(-length // side))
+    return [round(i * (length - side) / (count - 1)) for i in range(count)] if count > 1 else [0]
+
+
+def _peak(candidates: list[tuple[float, float]]) -> float:
+    """Wavelength at the top of the best score per half octave, by a parabola over log-wavelength."""
+    best: dict[int, float] = {}
+    for score, wavelength in candidates:
+        octave = round(2.0 * np.log2(wavelength))
+        # Fewer waves fit into the scan the longer they are, so a long one explains the same share more easily;
+        # below eight pixels pores and fibres do.
+        best[octave] = max(best.get(octave, 0.0), score * wavelength**-0.05 * min(1.0, wavelength / 8.0) ** 0.2)
+    top = max(best, key=lambda octave: best[octave])
+    left, mid, right = (best.get(top + d, 0.0) for d in (-1, 0, 1))
+    curve = left - 2.0 * mid + right
+    shift = 0.5 * (left - right) / curve if curve < 0.0 else 0.0
+    return float(2.0 ** ((top + np.clip(shift, -0.5, 0.5)) / 2.0))
+
+
+def reduce_by(image: npt.NDArray[Any], step: int) -> npt.NDArray[Any]:
+    """Mean over blocks of `step` x `step`; what does not fill a block at the right and bottom is left out."""
+    if step == 1:
+        return image
+    rows, cols = image.shape[0] // step * step, image.shape[1] // step * step
+    size = (cols // step, rows // step)
+    return np.asarray(cv2.resize(image[:rows, :cols], size, interpolation=cv2.INTER_AREA))

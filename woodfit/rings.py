@@ -1,0 +1,203 @@
+"""From phase to rings: growth, tracing, true edges, order, in one call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from woodfit.boundary import edge_offsets, edge_strength
+from woodfit.growth import Growth, find_growth, pore_evidence
+from woodfit.ring_order import Order, order_rings
+from woodfit.tracing import Trace, trace_rings
+
+FloatArray = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Ring boundaries of a face of shape (M, N), in pixels of its arrays.
+
+    Attributes
+    ----------
+    traces : list of Trace
+        Polylines on the true edges, ordered by index.
+    order : Order
+        Their indices.
+    growth : Growth
+        Outward direction of growth.
+    phase : float32 array of shape (M, N)
+        Ring phase in rad: 0 at the boundaries, growing outwards.
+    confidence : float32 array of shape (M, N)
+        Confidence of the phase, 0..1.
+    """
+
+    traces: list[Trace]
+    order: Order
+    growth: Growth
+    phase: FloatArray
+    confidence: FloatArray
+
+
+def wrap(angle: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Angle in rad brought to -pi..pi."""
+    return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+
+
+def find_rings(
+    value: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+    response: npt.NDArray[Any],
+    explained: npt.NDArray[Any],
+    normal: npt.NDArray[Any],
+    asymmetry: npt.NDArray[Any],
+    frequency: npt.NDArray[Any],
+    orientation: npt.NDArray[Any],
+    ring_scale_px: float,
+    bright_outwards: bool | None = None,
+    seed_confidence: float = 0.3,
+    floor_confidence: float = 0.1,
+    max_gap_rings: float = 1.5,
+    shortest_rings: float = 2.0,
+) -> Rings:
+    """Trace all ring boundaries of a face, move them onto their edges and number them.
+
+    Parameters
+    ----------
+    value, valid : arrays of shape (M, N)
+        Grey values and wood mask.
+    response, explained, normal, asymmetry, frequency, orientation : arrays of shape (M, N)
+        From the curved Gabor filter; frequency in cycles per pixel of these arrays.
+    ring_scale_px : float
+        Characteristic ring width in pixels of these arrays.
+    bright_outwards : bool, optional
+        The user's word on the direction of growth.
+    seed_confidence, floor_confidence, max_gap_rings, shortest_rings : float
+        As in `woodfit.tracing.trace_rings`.
+
+    Returns
+    -------
+    Rings
+    """
+    pores = pore_evidence(value, orientation, np.angle(response), explained, valid)
+    growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores)
+    # A wave that rises through zero along the edge direction has phase -pi/2 there.
+    with_growth = np.cos(growth.direction - normal) >= 0.0
+    rising = 0.5 * np.pi if growth.bright_outwards else -0.5 * np.pi
+    phase = wrap(np.where(with_growth, 1.0, -1.0) * np.angle(response) + rising)
+    confidence = np.asarray(explained * valid, dtype=np.float32)
+    traces = trace_rings(
+        phase,
+        growth.direction,
+        frequency,
+        confidence,
+        valid,
+        seed_confidence,
+        floor_confidence,
+        max_gap_rings,
+        shortest_rings,
+    )
+    edge_direction = growth.direction if growth.bright_outwards else growth.direction + np.pi
+    strength = edge_strength(value, valid, orientation, edge_direction, ring_scale_px)
+    moved, lag = _onto_edges(traces, strength, growth.direction, frequency)
+    kept = _without_doubles(moved, frequency)
+    kept = _without_faint(kept, response)
+    order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid)
+    rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
+    order = Order(order.index[rank], order.group[rank], order.agreement[rank])
+    return Rings(
+        [kept[i] for i in rank],
+        order,
+        growth,
+        np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32),
+        confidence,
+    )
+
+
+def _sample(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+    """Values at the pixels nearest to x, y points."""
+    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
+    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
+    return image[rows, cols]
+
+
+def _onto_edges(
+    traces: list[Trace], strength: FloatArray, direction: FloatArray, frequency: npt.NDArray[Any]
+) -> tuple[list[Trace], float]:
+    """Traces moved onto the edges, and the median lag of the edges behind the traced phase, in rings.
+
+    Two rounds: the first looks at half a ring to each side and learns where in the phase the edges lie, the second
+    looks only around there.
+    """
+    lag, spread = 0.0, 0.16
+    moved = traces
+    for _ in range(2):
+        moved, lags = [], []
+        for trace in traces:
+            angle, width = _sample(direction, trace.points), 1.0 / _sample(frequency, trace.points)
+            offset, contrast = edge_offsets(strength, trace.points, angle, width, lag, spread, trace.closed)
+            step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * offset[:, None]
+            # What finds no edge is believed less.
+            belief = trace.confidence * np.clip(contrast, 0.0, 2.0) / 2.0
+            moved.append(replace(trace, points=trace.points + step, confidence=belief))
+            lags.append(offset / width)
+        if not traces:
+            break
+        weights = np.concatenate([t.confidence for t in moved])
+        lag, spread = _weighted_median(np.concatenate(lags), weights), 0.08
+    height, width_px = strength.shape
+    inside = [
+        replace(t, points=np.clip(t.points, [-0.5, -0.5], [width_px - 0.5, height - 0.5])) for t in moved
+    ]
+    return inside, lag
+
+
+def _weighted_median(values: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> float:
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])]) if total[-1] > 0 else 0.0
+
+
+def _without_faint(traces: list[Trace], response: npt.NDArray[Any]) -> list[Trace]:
+    """Drop boundaries whose wave is a small part of what the face's boundaries have: fibre in an empty wide ring."""
+    if len(traces) < 4:
+        return traces
+    magnitude = np.abs(response)
+    strength = np.array([float(np.median(_sample(magnitude, t.points))) for t in traces])
+    length = np.array([len(t.points) for t in traces], np.float64)
+    return [t for t, s in zip(traces, strength, strict=True) if s >= 0.2 * _weighted_median(strength, length)]
+
+
+def _without_doubles(traces: list[Trace], frequency: npt.NDArray[Any]) -> list[Trace]:
+    """Drop a boundary most of which came to lie on a surer one."""
+    if not traces:
+        return traces
+    order = sorted(range(len(traces)), key=lambda i: (-float(traces[i].confidence.sum()), i))
+    taken = np.full(frequency.shape, 255, np.uint8)
+    kept = []
+    for i in order:
+        trace = traces[i]
+        if kept:
+            distance = cv2.distanceTransform(taken, cv2.DIST_L2, 3)
+            near = _sample(distance, trace.points) < 0.22 / _sample(frequency, trace.points)
+            if near.mean() > 0.5:
+                continue
+            if near.any() and not trace.closed:
+                trace = _longest_free(trace, ~near)
+                if len(trace.points) < 4:
+                    continue
+        cv2.polylines(taken, [np.round(trace.points * 16).astype(np.int32)], trace.closed, 0, 1, shift=4)
+        kept.append(i if trace is traces[i] else trace)
+    return [traces[t] if isinstance(t, int) else t for t in kept]
+
+
+def _longest_free(trace: Trace, free: npt.NDArray[np.bool_]) -> Trace:
+    """Longest stretch of a trace where `free` holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(np.int8), [0]])))
+    starts, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - starts)) if len(starts) else 0
+    part = slice(starts[longest], ends[longest]) if len(starts) else slice(0, 0)
+    return Trace(trace.points[part], trace.confidence[part], False)

@@ -1,0 +1,74 @@
+"""Local orientation of the rings from the image gradient (paper, Sec. 3.2)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+
+
+def _blur(image: npt.NDArray[Any], sigma_px: float) -> FloatArray:
+    """Gaussian with reflected borders, truncated at three standard deviations."""
+    size = 2 * math.ceil(3.0 * sigma_px) + 1
+    return np.asarray(
+        cv2.GaussianBlur(image, (size, size), sigma_px, borderType=cv2.BORDER_REFLECT_101), dtype=np.float32
+    )
+
+
+def halo(gradient_sigma_px: float, window_sigma_px: float) -> int:
+    """Margin in pixels beyond which nothing influences `orientation`."""
+    return math.ceil(3.0 * gradient_sigma_px) + math.ceil(3.0 * window_sigma_px) + 4
+
+
+def orientation(
+    value: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+    gradient_sigma_px: float,
+    window_sigma_px: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Orientation of the ring boundaries and its coherence.
+
+    The doubled angle of the gradient is averaged (the structure tensor), since an orientation has no sign; the
+    result is turned by 90 degrees so that it runs along the rings.
+
+    Parameters
+    ----------
+    value : array of shape (M, N)
+        Grey values.
+    valid : bool array of shape (M, N)
+        False where there is no wood; gradients there and next to it do not count.
+    gradient_sigma_px : float
+        Gaussian before the Scharr operator.
+    window_sigma_px : float
+        Gaussian window of the average.
+
+    Returns
+    -------
+    angle : float32 array of shape (M, N)
+        Tangent in radians, 0..pi, from +x towards +y.
+    coherence : float32 array of shape (M, N)
+        0 (no orientation) to 1 (a single one).
+
+    References
+    ----------
+    Bigun and Granlund, "Optimal orientation detection of linear symmetry", ICCV 1987.
+    """
+    wood = valid.astype(np.float32)
+    # Off the wood the grey value is continued from the wood beside it, so that the edge of the board is not a ring.
+    mass = _blur(wood, gradient_sigma_px)
+    smooth = _blur(np.asarray(value, np.float32) * wood, gradient_sigma_px) / np.maximum(mass, 1e-3)
+    margin = 2 * math.ceil(gradient_sigma_px) + 3
+    inside = wood if valid.all() else cv2.erode(wood, np.ones((margin, margin), np.uint8))
+    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0) * inside / 32.0
+    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1) * inside / 32.0
+    cos2 = _blur(gx * gx - gy * gy, window_sigma_px)
+    sin2 = _blur(2.0 * gx * gy, window_sigma_px)
+    energy = _blur(gx * gx + gy * gy, window_sigma_px)
+    angle = (0.5 * np.arctan2(sin2, cos2) + 0.5 * np.pi) % np.pi
+    coherence = np.hypot(cos2, sin2) / np.maximum(energy, 1e-12)
+    return angle.astype(np.float32), np.clip(coherence, 0.0, 1.0).astype(np.float32)
