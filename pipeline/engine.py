@@ -15,7 +15,7 @@ from pipeline.config import Execution
 from pipeline.executors import Executor, start_executor
 from pipeline.jobs import Outcome, ProductJob, Source, StageJob, StageRef, Status
 from pipeline.layout import Layout
-from pipeline.plan import Action, ProductNode, ScanPlan, StageNode
+from pipeline.plan import ProductNode, ScanPlan, StageNode
 from pipeline.product_tasks import write_product
 from pipeline.scan_run import ScanRun, node_name
 from pipeline.tasks import run_stage
@@ -94,7 +94,7 @@ class Engine:
 
     def run(self, plans: Sequence[ScanPlan]) -> list[ScanRun]:
         """Bring every plan up to date; starts no worker if there is nothing to compute."""
-        runs = [ScanRun(plan) for plan in plans]
+        runs = [ScanRun(plan, index) for index, plan in enumerate(plans)]
         executor = None
         try:
             if all(plan.problem or plan.is_idle for plan in plans):
@@ -105,10 +105,10 @@ class Engine:
             for run in runs:
                 if run.failed:
                     self._reporter.failed(run.plan.label, run.message)
-                self._advance(run, runs)
+                self._advance(run)
             while executor is not None and not all(run.finished for run in runs):
                 self._dispatch(executor)
-                self._listen(runs)
+                self._listen()
         except BaseException:
             if executor is not None:
                 executor.close(abort=True)
@@ -143,80 +143,73 @@ class Engine:
             workers = min(workers, len(busy))
         return start_executor(self._execution.scheduler, workers, threads, self._preload, self._debug)
 
-    def _advance(self, run: ScanRun, runs: Sequence[ScanRun]) -> None:
+    def _advance(self, run: ScanRun) -> None:
         """Settle what is reused and queue what can start now."""
-        progressed = True
-        while progressed:
-            progressed = False
-            for node in list(run.ready()):
-                run.started.add(node_name(node))
-                computed, reason = run.must_run(node)
-                if computed:
-                    self._queue(run, node, reason, runs)
-                elif isinstance(node, StageNode):
-                    run.end_stage(node, Status.REUSED, run.plan.metas[node.stage])
-                else:
-                    run.end_product(node, Status.REUSED, run.products[node.product]["size"])
-                if not computed:
-                    self._reporter.ended(run.plan.label, node_name(node), Status.REUSED, 0.0)
-                    progressed = True
+        while (node := next(run.ready(), None)) is not None:
+            run.started.add(node_name(node))
+            is_needed, reason = run.must_run(node)
+            if is_needed:
+                self._reporter.started(run.plan.label, node_name(node), reason)
+                self._queue(run, node, reason)
+                continue
+            if isinstance(node, StageNode):
+                run.end_stage(node, Status.REUSED, run.plan.metas[node.stage])
+            else:
+                run.end_product(node, Status.REUSED, run.products[node.product]["size"])
+            self._reporter.ended(run.plan.label, node_name(node), Status.REUSED, 0.0)
 
-    def _queue(self, run: ScanRun, node: StageNode | ProductNode, reason: str, runs: Sequence[ScanRun]) -> None:
-        self._reporter.started(run.plan.label, node_name(node), reason)
-        source = Source(run.plan.scan, run.plan.content.stamp)
-        index = runs.index(run)
+    def _queue(self, run: ScanRun, node: StageNode | ProductNode, reason: str) -> None:
+        """Queue the job, or the jobs, of a node."""
         if isinstance(node, ProductNode):
-            job = ProductJob(
-                output=self._layout.output,
-                source=source,
-                product=self._products[node.product],
-                key=node.key,
-                wanted=self._wiring.products[node.product],
-                keys=run.keys(),
-                params={stage.stage: stage.params for stage in run.plan.stages},
-            )
-            work = Work((index, len(self._order)), run, node_name(node), write_product, job, lambda outcome: None)
-            work.then = lambda outcome: self._end_product(run, node, outcome)
-            self._push(work)
+            end = partial(self._end_product, run, node)
+            self._push(run, node_name(node), len(self._order), write_product, self._product_job(run, node), end)
             return
-        stage_job = StageJob(
+        job = self._stage_job(run, node, reason)
+        shape = self._tiled_shape(run, node)
+        if shape is None:
+            end = partial(self._end_stage, run, node)
+            self._push(run, node.stage, self._order[node.stage], run_stage, job, end)
+            return
+        tile_stage = TileStage(
+            node,
+            job,
+            shape,
+            self._execution.tile,
+            push=partial(self._push, run, node.stage, self._order[node.stage]),
+            progress=partial(self._reporter.tile, run.plan.label, node.stage),
+            end=partial(self._end_stage, run, node),
+        )
+        self._tile_stages.append(tile_stage)
+        self._begin(tile_stage)
+
+    def _product_job(self, run: ScanRun, node: ProductNode) -> ProductJob:
+        return ProductJob(
             output=self._layout.output,
-            source=source,
+            source=Source(run.plan.scan, run.plan.content.stamp),
+            product=self._products[node.product],
+            key=node.key,
+            wanted=self._wiring.products[node.product],
+            keys=run.keys(),
+            params={stage.stage: stage.params for stage in run.plan.stages},
+        )
+
+    def _stage_job(self, run: ScanRun, node: StageNode, reason: str) -> StageJob:
+        return StageJob(
+            output=self._layout.output,
+            source=Source(run.plan.scan, run.plan.content.stamp),
             stage=StageRef.of(self._stages[node.stage]),
             key=node.key,
             params=node.params,
             inputs=node.inputs,
             wanted=self._wiring.stages[node.stage],
             digests=run.digests(node),
-            force=node.action is Action.RUN and node.reason == "forced",
+            force=node.is_forced,
             reason=reason,
         )
-        priority = (index, self._order[node.stage])
-        shape = self._tiled_shape(run, node)
-        if shape is None:
-            work = Work(priority, run, node.stage, run_stage, stage_job, lambda outcome: None)
-            work.then = lambda outcome: self._end_stage(run, node, outcome)
-            self._push(work)
-            return
-
-        def push(task: Callable[[Any], Outcome], job: StageJob, then: Callable[[Outcome], None]) -> None:
-            self._push(Work(priority, run, node.stage, task, job, then))
-
-        tile_stage = TileStage(
-            node,
-            stage_job,
-            shape,
-            self._execution.tile,
-            push,
-            progress=lambda done, total: self._reporter.tile(run.plan.label, node.stage, done, total),
-            end=lambda outcome: self._end_stage(run, node, outcome),
-        )
-        self._tile_stages.append(tile_stage)
-        self._begin(tile_stage)
 
     def _begin(self, tile_stage: TileStage) -> None:
         if not tile_stage.begin():
-            self._later.append((time.monotonic() + RETRY_SECONDS, lambda: self._begin(tile_stage)))
+            self._later.append((time.monotonic() + RETRY_SECONDS, partial(self._begin, tile_stage)))
 
     def _tiled_shape(self, run: ScanRun, node: StageNode) -> tuple[int, int] | None:
         """Shape of what a stage reads, if it is to be cut into tiles."""
@@ -231,9 +224,19 @@ class Engine:
                     return shape if is_tiled(shape, self._execution.tile) else None
         return None
 
-    def _push(self, work: Work) -> None:
+    def _push(
+        self,
+        run: ScanRun,
+        name: str,
+        order: int,
+        task: Callable[[Any], Outcome],
+        job: StageJob | ProductJob,
+        then: Callable[[Outcome], None],
+    ) -> None:
         self._counter += 1
-        work.priority = (*work.priority[:2], self._counter)
+        heapq.heappush(self._waiting, Work((run.index, order, self._counter), run, name, task, job, then))
+
+    def _push_again(self, work: Work) -> None:
         heapq.heappush(self._waiting, work)
 
     def _dispatch(self, executor: Executor) -> None:
@@ -259,7 +262,7 @@ class Engine:
         """Take an outcome over from the executor's thread."""
         self._answers.put((work, outcome))
 
-    def _listen(self, runs: Sequence[ScanRun]) -> None:
+    def _listen(self) -> None:
         """Take one answer, or none for a moment."""
         try:
             work, outcome = self._answers.get(timeout=0.1)
@@ -269,15 +272,14 @@ class Engine:
         if outcome is None:
             work.attempts += 1
             if work.attempts < ATTEMPTS:
-                self._push(work)
+                self._push_again(work)
                 return
             outcome = Outcome(Status.FAILED, message=f"its worker process died {ATTEMPTS} times (out of memory?)")
         if outcome.status is Status.BUSY:
-            self._later.append((time.monotonic() + RETRY_SECONDS, lambda: self._push(work)))
+            self._later.append((time.monotonic() + RETRY_SECONDS, partial(self._push_again, work)))
             return
         work.run.seconds += outcome.seconds
         work.then(outcome)
-        self._advance(work.run, runs)
 
     def _end_stage(self, run: ScanRun, node: StageNode, outcome: Outcome) -> None:
         if outcome.status is Status.FAILED or outcome.meta is None:
@@ -285,6 +287,7 @@ class Engine:
             return
         run.end_stage(node, outcome.status, outcome.meta)
         self._reporter.ended(run.plan.label, node.stage, outcome.status, outcome.seconds)
+        self._advance(run)
 
     def _end_product(self, run: ScanRun, node: ProductNode, outcome: Outcome) -> None:
         if outcome.status is Status.FAILED:

@@ -128,7 +128,7 @@ class DaskExecutor:
     def close(self, abort: bool = False) -> None:
         """Give everything back; with `abort`, without waiting for running jobs."""
         with contextlib.suppress(Exception), _deaf_to_sigint():
-            if abort and self._cluster is not None:
+            if self._cluster is not None:  # they hold nothing that is not on disk, and asking takes a second
                 _kill_workers(self._cluster)
             self._client.close(timeout=2)
             if self._cluster is not None:
@@ -163,6 +163,7 @@ def _deaf_to_sigint() -> Iterator[None]:
 
 def _kill_workers(cluster: Any) -> None:
     for nanny in list(cluster.workers.values()):
+        nanny.auto_restart = False
         if (pid := getattr(nanny, "pid", None)) is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)

@@ -42,6 +42,7 @@ class StageNode:
     key: str
     action: Action
     reason: str
+    is_forced: bool = False
 
     def record(self) -> dict[str, Any]:
         """What is kept to explain the next plan."""
@@ -181,11 +182,11 @@ class _Planner:
             if stage.name not in self._wanted:
                 continue
             meta = read_meta(self._layout, stage.name, keys[stage.name])
-            node = StageNode(stage.name, stage.version, full, inputs, keys[stage.name], Action.RUN, "forced")
+            node = StageNode(stage.name, stage.version, full, inputs, keys[stage.name], Action.RUN, "forced", True)
             if stage.name not in self._forced:
                 before = record.get("stages", {}).get(stage.name)
                 action, reason = self._decide(node, meta, metas, nodes, before)
-                node = replace(node, action=action, reason=reason)
+                node = replace(node, action=action, reason=reason, is_forced=False)
             nodes[stage.name] = node
             if meta is not None:
                 metas[stage.name] = meta

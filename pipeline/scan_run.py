@@ -19,6 +19,7 @@ class ScanRun:
     """State of one scan during a run; lives in the driver only."""
 
     plan: ScanPlan
+    index: int
     metas: dict[str, Meta] = field(default_factory=dict)
     ended: dict[str, Status] = field(default_factory=dict)
     started: set[str] = field(default_factory=set)

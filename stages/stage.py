@@ -144,3 +144,11 @@ def stage(
 def scalar(ds: xr.Dataset, variable: Variable) -> float:
     """Value of a 0-d variable as a Python float."""
     return float(np.asarray(ds[variable.name].values))
+
+
+def like_image(ds: xr.Dataset, values: dict[Variable, Any], attrs: dict[str, Any] | None = None) -> xr.Dataset:
+    """Dataset of image variables that keeps the pixel coordinates of `ds`."""
+    coords = {name: ds.coords[name] for name in ("y", "x") if name in ds.coords}
+    return xr.Dataset(
+        {variable.name: variable.array(array) for variable, array in values.items()}, coords=coords, attrs=attrs
+    )

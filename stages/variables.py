@@ -35,6 +35,9 @@ RESPONSE = Variable(
 )
 MAGNITUDE = Variable("magnitude", ("y", "x"), "f", "1", "Magnitude of the response.")
 PHASE = Variable("phase", ("y", "x"), "f", "rad", "Phase of the response, growing along `normal`, -pi..pi.")
+EXPLAINED = Variable(
+    "explained", ("y", "x"), "f", "1", "Share of the local variance across the rings that the response explains, 0..1."
+)
 NORMAL = Variable(
     "normal", ("y", "x"), "f", "rad", "Direction across the rings towards the bright side of their abrupt edge, -pi..pi."
 )
@@ -54,11 +57,21 @@ VERTEX_CONFIDENCE = Variable("vertex_confidence", ("vertex",), "f", "1", "Confid
 VERTEX_COUNT = Variable("vertex_count", ("ring",), "iu", "1", "Vertices of each polyline, in order.")
 RING_INDEX = Variable("ring_index", ("ring",), "iu", "1", "Consecutive index of the ring boundary, growing outwards.")
 RING_CONFIDENCE = Variable("ring_confidence", ("ring",), "f", "1", "Confidence of each polyline, 0..1.")
+RING_GROUP = Variable(
+    "ring_group", ("ring",), "iu", "1", "Polylines of one group are tied by counting; between groups the index is a guess."
+)
 RING_CLOSED = Variable("ring_closed", ("ring",), "b", "1", "True where the polyline returns to its start.")
 RING_PHASE = Variable(
     "ring_phase", ("y", "x"), "f", "rad", "Wrapped 2 pi ring age: 0 at the boundaries, growing outwards, -pi..pi."
 )
 PHASE_CONFIDENCE = Variable("phase_confidence", ("y", "x"), "f", "1", "Confidence of the ring phase, 0..1.")
+GROWTH_ANGLE = Variable("growth_angle", ("y", "x"), "f", "rad", "Outward direction of growth, image frame, -pi..pi.")
+BRIGHT_OUTWARDS = Variable(
+    "bright_outwards", (), "b", "1", "True where the abrupt edge of a ring brightens outwards (conifers)."
+)
+GRAIN_RATIO = Variable(
+    "grain_ratio", (), "f", "1", "Fine texture's slope across over along the rings: above 1 on faces along the stem."
+)
 GROWTH_SURENESS = Variable(
     "growth_sureness", (), "f", "1", "How sure the outward direction is: 0.5 is a guess, 1 is certain."
 )
@@ -67,6 +80,9 @@ GROWTH_SURENESS = Variable(
 BOARD_TO_TREE = Variable(
     "board_to_tree", ("tree_axis", "board_axis"), "f", "1", "Rigid 4x4 transform, px to px, pith along tree z."
 )
+RING_AGE_SHIFT = Variable(
+    "ring_age_shift", ("group",), "iu", "1", "What to add to a group's ring indices to get the ring age of its boundaries."
+)
 RING_RADIUS = Variable(
     "ring_radius", ("boundary",), "f", "px", "Ideal radius of each ring boundary, increasing; its age is `boundary`."
 )
@@ -74,10 +90,13 @@ POSE_SPREAD = Variable(
     "pose_spread", ("pose_parameter",), "f", "1", "One standard deviation of each pose parameter (rad, rad, px, px)."
 )
 
+RING_WIDTH = Variable("ring_width", (), "f", "px", "Mean ring width across the growth layers.")
+
 # --- initial_distortion, phase_polishing --------------------------------------------------------------------
 DISPLACEMENT = Variable(
     "displacement", ("radius", "azimuth", "height"), "f", "px", "Radial displacement m_r on a cylindrical grid."
 )
+AZIMUTH_WRAPS = Variable("azimuth_wraps", (), "b", "1", "True when the grid's azimuth goes all the way round.")
 POLISHED_DISPLACEMENT = Variable(
     "polished_displacement", ("radius", "azimuth", "height"), "f", "px", "Radial displacement after polishing."
 )
@@ -96,3 +115,4 @@ LATENESS_STRIP = Variable(
 )
 STRIP_SUPPORT = Variable("strip_support", ("strip",), "f", "px", "Face pixels that each strip sample was fitted to.")
 RENDERED = Variable("rendered", ("y", "x", "channel"), "f", "1", "Linear RGB of the solid texture on the face.")
+SAMPLES_PER_RING = Variable("samples_per_ring", (), "iu", "1", "Strip samples for each ring.")

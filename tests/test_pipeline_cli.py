@@ -149,3 +149,22 @@ def test_a_second_run_of_a_changed_folder_computes_only_the_new_scan(project: Ma
     told = run(config)
     assert "board_0.png  reused" in told
     assert "new.png      done" in told
+
+
+def test_in_a_terminal_the_progress_is_a_line_per_scan(project: Make) -> None:
+    import io
+
+    from rich.console import Console
+
+    from pipeline.plan import Selection
+    from pipeline.progress import LiveTable, reporter_for
+    from pipeline.project import Project
+
+    config = project(scans=2)
+    (config.parent / "scans/text.png").write_text("x")
+    for expected in ("5/5", "board_1: read, smooth, level, summary, product text reused"):
+        console = Console(file=io.StringIO(), force_terminal=True, width=100, color_system=None)
+        reporter = reporter_for(console)
+        assert isinstance(reporter, LiveTable)
+        Project.load(config).run(Selection(), reporter, {"scheduler": "threads"})
+        assert expected in console.file.getvalue()  # type: ignore[attr-defined]

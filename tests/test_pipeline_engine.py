@@ -323,6 +323,21 @@ def test_a_large_scan_goes_lazily_through_the_first_stage(project: Make, monkeyp
     assert digests(config) == eager
 
 
+def test_a_tiled_stage_that_another_run_finished_meanwhile_is_reused(
+    project: Make, calls: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = project(scans=1, size=(1100, 1100))
+    monkeypatch.setenv("DUMMY_SECONDS", "0.1")
+    runs = [Thread(target=run, args=(config,), kwargs={"tile": 1024}) for _ in range(2)]
+    for thread in runs:
+        thread.start()
+    for thread in runs:
+        thread.join(timeout=30)
+        assert not thread.is_alive()
+    called = calls()
+    assert [called.count(name) for name in NAMES] == [1, 4, 1, 1]
+
+
 def test_two_runs_at_once_on_one_output_both_finish_and_compute_once(
     project: Make, calls: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
@@ -135,3 +136,18 @@ def _lateness(strip: Array, rings: int, samples: int, latewood_is_dark: bool) ->
     darkness = 0.5 - (lightness - middle[:, None]) / contrast[:, None]
     late = darkness if latewood_is_dark else 1.0 - darkness
     return np.clip(late, 0.0, 1.0).reshape(-1).astype(np.float32)
+
+
+def color_at(strip: ColorStrip, age: Array, samples_per_ring: int) -> npt.NDArray[np.float32]:
+    """Linear RGB of shape (..., 3) at ring ages (...), linear between samples."""
+    position = np.clip(np.asarray(age) * samples_per_ring - 0.5, 0.0, len(strip.rgb) - 1.0)
+    low = np.minimum(position.astype(np.int64), len(strip.rgb) - 2)
+    part = (position - low)[..., None].astype(np.float32)
+    return np.asarray(strip.rgb[low] * (1.0 - part) + strip.rgb[low + 1] * part, dtype=np.float32)
+
+
+def psnr_blurred(found: Array, wanted: Array, valid: npt.NDArray[np.bool_], sigma_px: float = 1.5) -> float:
+    """Peak signal-to-noise ratio in dB of linear images (M, N, 3), both blurred, over the wood."""
+    difference = cv2.GaussianBlur(np.asarray(found - wanted, np.float32), (0, 0), sigma_px)
+    square = float((difference[valid] ** 2).mean()) if valid.any() else 0.0
+    return float(-10.0 * np.log10(max(square, 1e-12)))

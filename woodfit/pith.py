@@ -80,6 +80,99 @@ class Pith:
     spread: FloatArray
 
 
+@dataclass(frozen=True)
+class Face:
+    """Outline of the photographed face: first and last pixel centres in px."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    @property
+    def size_px(self) -> float:
+        """Longer side."""
+        return max(self.right - self.left, self.bottom - self.top)
+
+    @property
+    def aspect(self) -> float:
+        """Longer over shorter side."""
+        return self.size_px / max(1.0, min(self.right - self.left, self.bottom - self.top))
+
+    @property
+    def centre(self) -> FloatArray:
+        """Centre, board frame, shape (3,)."""
+        return np.array([0.5 * (self.left + self.right), 0.5 * (self.top + self.bottom), 0.0])
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """What the user knows of the pith: coordinates of its nearest point (px), tilt and azimuth (degrees)."""
+
+    point: tuple[float | None, float | None, float | None]
+    tilt_deg: float | None
+    azimuth_deg: float | None
+
+    def overrule(self, point: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Put the known values in place of fitted ones."""
+        chosen = np.array([p if k is None else k for p, k in zip(point, self.point, strict=True)], np.float64)
+        tilt = math.acos(min(1.0, abs(float(direction[2])))) if self.tilt_deg is None else math.radians(self.tilt_deg)
+        upright = direction if direction[2] >= 0.0 else -direction
+        azimuth = math.atan2(upright[1], upright[0]) if self.azimuth_deg is None else math.radians(self.azimuth_deg)
+        if self.tilt_deg is None and self.azimuth_deg is None:
+            return chosen, direction
+        return chosen, _direction(tilt, azimuth)
+
+
+@dataclass(frozen=True)
+class Story:
+    """A pose in words and figures, for the report."""
+
+    warnings: list[str]
+    figures: dict[str, float | str]
+
+
+def describe(pith: Pith, face: Face, ring_width_px: float) -> Story:
+    """Cut, tilt and distance of a fitted pith, and what the photograph leaves open."""
+    tilt = math.degrees(math.acos(min(1.0, abs(float(pith.direction[2])))))
+    foot = pith.point + ((face.centre - pith.point) @ pith.direction) * pith.direction
+    distance = float(np.linalg.norm(face.centre - foot))
+    depth, lateral = abs(float(foot[2])), float(np.hypot(*(foot - face.centre)[:2]))
+    if tilt < 30.0:
+        inside = face.left <= foot[0] <= face.right and face.top <= foot[1] <= face.bottom
+        cut = "end grain with the pith in the picture" if inside else "end grain beside the pith"
+    elif tilt < 75.0:
+        cut = "oblique, cathedral pattern"
+    elif lateral < 0.35 * face.size_px:
+        cut = "flat-sawn"
+    else:
+        cut = "quarter-sawn" if lateral > 1.5 * depth else "rift-sawn"
+    warnings = []
+    if tilt > 10.0:
+        warnings.append(
+            "One photograph cannot tell on which side of the face the pith lies; it was put "
+            + ("behind" if foot[2] >= 0.0 else "in front of")
+            + " the face (`pose.pith_side`)."
+        )
+    angle = math.degrees(float(np.max(pith.spread[:2])))
+    if angle > 10.0:
+        warnings.append(f"The pith's direction is hardly determined by this face (one sigma {angle:.0f} degrees).")
+    offset = float(np.max(pith.spread[2:]))
+    if offset > max(0.25 * distance, 2.0 * ring_width_px):
+        warnings.append(
+            f"The pith's distance is hardly determined by this face ({distance:.0f} px, one sigma {offset:.0f} px); "
+            "distance and ring width trade off."
+        )
+    figures: dict[str, float | str] = {
+        "cut": cut,
+        "pith tilt from the face's normal (deg)": round(tilt, 1),
+        "pith distance from the face's centre (px)": round(distance, 1),
+        "pith depth below the face's centre (px)": round(float(foot[2]), 1),
+        "mean ring width across the layers (px)": round(ring_width_px, 2),
+    }
+    return Story(warnings, figures)
+
+
 def sample_rings(
     polylines: list[FloatArray],
     confidence: list[FloatArray],
@@ -150,8 +243,9 @@ def radii(points: npt.NDArray[Any], origin: FloatArray, direction: FloatArray) -
 class _Energy:
     """Misfit of a pith line: how far the rings are from round, and their widths from regular."""
 
-    def __init__(self, rings: RingPoints, size_px: float) -> None:
+    def __init__(self, rings: RingPoints, size_px: float, along_face: float = 0.0) -> None:
         self.rings = rings
+        self.along_face = along_face
         self.size_px = size_px
         self.centre = np.array([*np.average(rings.points[:, :2], axis=0, weights=rings.weight), 0.0])
         count = len(rings.index)
@@ -172,6 +266,7 @@ class _Energy:
         far = math.log((distance / self.size_px + 0.02) / USUAL_DISTANCE) / DISTANCE
         off_saw = min(math.acos(min(1.0, abs(float(direction[2])))), math.asin(min(1.0, abs(float(direction[2])))))
         prior = 0.5 * max(far, 0.0) ** 2 + SAWN_COST * math.log1p((off_saw / SAWN_WITHIN_RAD) ** 2)
+        prior -= self.along_face * (0.5 - float(direction[2]) ** 2)
         if len(self.inner) == 0:
             width = max(float(np.ptp(r)), 1.0)
             scatter = self._scatter(r - mean[rings.ring], width)
@@ -220,7 +315,24 @@ def _direction(tilt: float, azimuth: float) -> FloatArray:
     )
 
 
-def fit_pith(rings: RingPoints, size_px: float, pith_behind: bool = True) -> Pith:
+def along_face_evidence(grain_ratio: float, aspect: float) -> float:
+    """Energy by which a face along the stem is likelier than one across it.
+
+    Fibres make the fine texture run along the rings of a longitudinal face, rays and tracheid rows make it run across
+    them on end grain. A long narrow strip is a core, sanded across the stem.
+    """
+    grain = 6.0 * math.log(max(grain_ratio, 1e-3) / 1.08)
+    return float(np.clip(grain, -4.0, 6.0)) - (3.0 if aspect > 5.0 else 0.0)
+
+
+def fit_pith(
+    rings: RingPoints,
+    size_px: float,
+    pith_behind: bool = True,
+    grain_ratio: float = 1.08,
+    aspect: float = 1.0,
+    fixed: Fixed | None = None,
+) -> Pith:
     """Pith line by brute force over directions and depths, then simplex refinement of the best few.
 
     Parameters
@@ -232,12 +344,16 @@ def fit_pith(rings: RingPoints, size_px: float, pith_behind: bool = True) -> Pit
     pith_behind : bool
         Which of the two mirror solutions to take: the pith behind the face (z >= 0 at the face's centre) or in
         front of it. The image does not tell.
+    grain_ratio, aspect : float
+        Slope of the fine texture across over along the rings; longer over shorter side of the face.
+    fixed : Fixed, optional
+        What the user knows; it overrules the fit.
 
     Returns
     -------
     Pith
     """
-    energy = _Energy(rings, size_px)
+    energy = _Energy(rings, size_px, along_face_evidence(grain_ratio, aspect))
     depths = size_px * np.concatenate([[0.0], np.geomspace(0.03, 4.0, 15)])
     starts: list[tuple[float, FloatArray]] = []
     for tilt in np.deg2rad([0.0, 5.0, 12.0, 22.0, 35.0, 50.0, 62.0, 72.0, 80.0, 85.0, 88.0, 90.0]):
@@ -273,6 +389,8 @@ def fit_pith(rings: RingPoints, size_px: float, pith_behind: bool = True) -> Pit
     main = int(np.argmax(np.abs(direction)))
     if direction[main] < 0.0:
         direction = -direction
+    if fixed is not None:
+        origin, direction = fixed.overrule(origin, direction)
     return Pith(origin, direction, value, spread)
 
 
@@ -345,19 +463,12 @@ def _spread(energy: _Energy, origin: FloatArray, direction: FloatArray, size_px:
     return np.asarray(np.sqrt(variance) * [1.0, 1.0, size_px, size_px])
 
 
-def board_to_tree(pith: Pith) -> FloatArray:
-    """Rigid 4x4 transform from the board frame (px) to the tree frame: z along the pith, x from it to the board.
+def board_to_tree(pith: Pith, centre: FloatArray) -> FloatArray:
+    """Rigid 4x4 transform from the board frame to the tree frame, px to px.
 
-    The azimuth's zero points from the pith to the face's centre, so that the branch cut of the azimuth lies on the
-    far side of the tree.
+    z runs along the pith, with height 0 at the foot of `centre` (board frame, px); azimuth 0 points towards `centre`,
+    so that the branch cut of the azimuth lies on the far side of the tree.
     """
-    z = pith.direction
-    x = -pith.point - (-pith.point @ z) * z
-    return _rigid(pith.point, x, z)
-
-
-def board_to_tree_at(pith: Pith, centre: FloatArray) -> FloatArray:
-    """`board_to_tree` with azimuth 0 towards `centre` (board frame, px) and height 0 at its foot on the pith."""
     z = pith.direction
     foot = pith.point + ((centre - pith.point) @ z) * z
     return _rigid(foot, centre - foot, z)

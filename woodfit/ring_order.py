@@ -111,7 +111,8 @@ def _votes(
                 met, cycles, turned = _meet(labels, grow_x, grow_y, freq, valid, x, y, number, outwards, 4.6)
                 if met == 0 or met == number:
                     continue
-                apart = 0 if turned else max(1, round(cycles))
+                # A ring may be half as wide again as its neighbours; only nearly two cycles say that one was missed.
+                apart = 0 if turned else max(1, int(cycles + 0.25))
                 # Counting one ring is certain, counting several less and less so.
                 weight = 0.3 if turned else 1.0 / max(1.0, cycles) ** 2
                 a, b = (number, met) if outwards > 0 else (met, number)

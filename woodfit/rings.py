@@ -12,6 +12,7 @@ import numpy.typing as npt
 from woodfit.boundary import edge_offsets, edge_strength
 from woodfit.growth import Growth, find_growth, pore_evidence
 from woodfit.ring_order import Order, order_rings
+from woodfit.streamlines import smooth_along
 from woodfit.tracing import Trace, trace_rings
 
 FloatArray = npt.NDArray[np.float32]
@@ -33,6 +34,8 @@ class Rings:
         Ring phase in rad: 0 at the boundaries, growing outwards.
     confidence : float32 array of shape (M, N)
         Confidence of the phase, 0..1.
+    grain_ratio : float
+        Slope of the fine texture across over along the rings.
     """
 
     traces: list[Trace]
@@ -40,6 +43,60 @@ class Rings:
     growth: Growth
     phase: FloatArray
     confidence: FloatArray
+    grain_ratio: float
+
+
+def ragged(
+    traces: list[Trace],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Points (V, 2) and confidence (V,) of all traces one after the other, and how many vertices each has (R,)."""
+    counts = np.array([len(t.points) for t in traces], np.int64)
+    if not traces:
+        return np.zeros((0, 2)), np.zeros(0), counts
+    return np.concatenate([t.points for t in traces]), np.concatenate([t.confidence for t in traces]), counts
+
+
+def ring_confidence(found: Rings) -> npt.NDArray[np.float64]:
+    """Confidence of each polyline, 0..1: mean of its vertices, less where the count of its neighbours disagrees."""
+    means = np.array([float(t.confidence.mean()) for t in found.traces])
+    return np.asarray(np.sqrt(means) * found.order.agreement)
+
+
+def describe_doubt(found: Rings) -> list[str]:
+    """What a person should check, in words."""
+    said = []
+    if not found.traces:
+        return ["No ring boundary was found."]
+    if found.growth.sureness < 0.7:
+        said.append(
+            f"The direction of growth is a guess (sureness {found.growth.sureness:.2f}); "
+            "`ring_tracing.bright_outwards` settles it."
+        )
+    missing = np.diff(np.unique(found.order.index[found.order.group == 0])) > 1
+    if missing.any():
+        said.append(f"{int(missing.sum())} ring boundaries seem to be missing between traced ones; indices skip them.")
+    loose = len(np.unique(found.order.group)) - 1
+    if loose:
+        said.append(f"{loose} groups of boundaries could not be tied to the others by counting.")
+    return said
+
+
+def grain_ratio(
+    value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: npt.NDArray[np.bool_]
+) -> float:
+    """Mean square slope of the fine texture across the rings over that along them, rings themselves removed."""
+    smooth, _ = smooth_along(value, valid, orientation, 20, 8.0)
+    fine = cv2.GaussianBlur(np.asarray(value, np.float32) - smooth, (0, 0), 0.7)
+    gx, gy = cv2.Scharr(fine, cv2.CV_32F, 1, 0), cv2.Scharr(fine, cv2.CV_32F, 0, 1)
+    inside = cv2.erode(np.pad(valid.astype(np.uint8), 1), np.ones((7, 7), np.uint8))[1:-1, 1:-1] > 0
+    if not inside.any():
+        return 1.0
+    power = gx * gx + gy * gy
+    # Cracks and dirt must not outvote the wood.
+    weight = inside * np.minimum(1.0, np.percentile(power[inside], 95) / np.maximum(power, 1e-12))
+    across = -gx * np.sin(orientation) + gy * np.cos(orientation)
+    along = gx * np.cos(orientation) + gy * np.sin(orientation)
+    return float((weight * across**2).sum() / max(float((weight * along**2).sum()), 1e-12))
 
 
 def wrap(angle: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -114,6 +171,7 @@ def find_rings(
         growth,
         np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32),
         confidence,
+        grain_ratio(value, orientation, valid),
     )
 
 

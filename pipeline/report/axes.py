@@ -71,5 +71,11 @@ def log_bar(name: str, low: float, high: float, unit: str) -> Bar:
 
 def phase_bar() -> Bar:
     """Bar of one turn."""
-    ticks = (Tick("0", "0"), Tick("25", "\u00bd\u03c0"), Tick("50", "\u03c0"), Tick("75", "1\u00bd\u03c0"), Tick("100", "2\u03c0"))
+    ticks = (
+        Tick("0", "0"),
+        Tick("25", "\u00bd\u03c0"),
+        Tick("50", "\u03c0"),
+        Tick("75", "1\u00bd\u03c0"),
+        Tick("100", "2\u03c0"),
+    )
     return Bar(css_gradient("phase"), ticks, "")

@@ -93,8 +93,13 @@ def camera_for(box: Box, longer: int, yaw_deg: float = 33.0, pitch_deg: float = 
     rim = margin * float(span.max())
     focal = longer / float(max(span + 2.0 * rim))
     size = (span + 2.0 * rim) * focal
-    return Camera(eye, axes, focal, (float((rim - low[0]) * focal), float((rim - low[1]) * focal)),
-                  (round(float(size[0])), round(float(size[1]))))
+    return Camera(
+        eye,
+        axes,
+        focal,
+        (float((rim - low[0]) * focal), float((rim - low[1]) * focal)),
+        (round(float(size[0])), round(float(size[1]))),
+    )
 
 
 @dataclass(frozen=True)

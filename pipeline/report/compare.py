@@ -20,11 +20,13 @@ def compare_section(scan: Scan) -> dict[str, Any] | None:
     """Both pictures, their difference, and how close they are; ``None`` before the color map."""
     if not scan.has(RENDERED, RGB):
         return None
-    photograph, rendered = srgb_bytes(scan.image(RGB, 1000)), srgb_bytes(scan.image(RENDERED, 1000))
-    wood = scan.wood(scan.image(RENDERED).shape)
+    side = round(0.92 * scan.longer)
+    photograph, rendered = srgb_bytes(scan.image(RGB, side)), srgb_bytes(scan.image(RENDERED, side))
     difference = np.clip(128 + _GAIN * (rendered.astype(np.int16) - photograph), 0, 255).astype(np.uint8)
-    if wood.shape == difference.shape[:2]:
-        difference = np.where(wood[..., None], difference, NOTHING)
+    if scan.has(VALID):
+        wood = scan.image(VALID, side) > 0.5
+        if wood.shape == difference.shape[:2]:
+            difference = np.where(wood[..., None], difference, NOTHING)
     psnr, part = _psnr(scan)
     return {
         "photograph": jpeg(photograph, "The photograph.", 84),

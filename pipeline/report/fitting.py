@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
-_SHOWN_RINGS = 0.25
+
+def _reach(figures: dict[str, float]) -> float:
+    """How many rings the map and the histogram show: what most of the face needs, a round number."""
+    return next((reach for reach in (0.02, 0.05, 0.1, 0.25) if reach >= 1.3 * figures["most"]), 0.5)
 
 
 def fit_section(scan: Scan) -> dict[str, Any] | None:
@@ -38,15 +41,18 @@ def _loss(loss: Array) -> dict[str, Any] | None:
     known = np.isfinite(loss) & (loss > 0)
     if not known.any():
         return None
+    from matplotlib.ticker import LogLocator
+
     steps, values = np.flatnonzero(known), loss[known]
 
     def draw(axes: Axes) -> None:
         axes.plot(steps, values, color=ACCENT, linewidth=1.8, marker="o" if len(values) < 40 else "", markersize=3)
         axes.set_yscale("log")
-        if values.max() < 3.0 * values.min():
+        axes.yaxis.set_major_formatter("{x:.3g}")
+        if values.max() < 50.0 * values.min():
+            axes.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
             axes.yaxis.set_minor_formatter("{x:.3g}")
-            axes.yaxis.set_major_formatter("{x:.3g}")
-            axes.tick_params(axis="y", which="minor", labelcolor=MUTED, labelsize=9)
+            axes.grid(which="minor")
         axes.set(xlabel="iteration", ylabel="loss")
         axes.annotate(f"{values[-1]:.3g}", (steps[-1], values[-1]), (-4, 8), textcoords="offset points", ha="right")
 
@@ -93,8 +99,8 @@ def _residual(scan: Scan) -> dict[str, Any] | None:
     if figures is None:
         return None
     wave = scan.combined((PHASE_RESIDUAL,), lambda phase: np.exp(1j * np.nan_to_num(phase)).astype(np.complex64))
-    rings = np.angle(wave) / (2 * np.pi)
-    colors = mapped(0.5 + 0.5 * rings / _SHOWN_RINGS, "RdBu_r").astype(np.float32)
+    rings, reach = np.angle(wave) / (2 * np.pi), _reach(figures)
+    colors = mapped(0.5 + 0.5 * rings / reach, "RdBu_r").astype(np.float32)
     trust = np.ones(rings.shape, np.float32)
     if scan.has(PHASE_CONFIDENCE):
         trust = np.clip(np.nan_to_num(scan.image(PHASE_CONFIDENCE)), 0.0, 1.0)
@@ -102,7 +108,7 @@ def _residual(scan: Scan) -> dict[str, Any] | None:
     shown = (trust * colors + (1.0 - trust) * NOTHING).astype(np.uint8)
     return {
         "picture": jpeg(shown, "Residual phase over the face, in rings.", 82),
-        "bar": linear_bar("RdBu_r", -_SHOWN_RINGS, _SHOWN_RINGS, "rings"),
+        "bar": linear_bar("RdBu_r", -reach, reach, "rings"),
         "histogram": _histogram(scan, figures),
         "median": f"{figures['median']:.3f}",
         "most": f"{figures['most']:.3f}",
@@ -112,15 +118,20 @@ def _residual(scan: Scan) -> dict[str, Any] | None:
 
 def _histogram(scan: Scan, figures: dict[str, float]) -> str:
     residual, trust = _samples(scan)
-    counts, edges = np.histogram(residual, bins=50, range=(0.0, 0.5), weights=trust)
-    counts = 100.0 * counts / counts.sum()
+    from matplotlib.ticker import MaxNLocator
+
+    reach = _reach(figures)
+    counts, edges = np.histogram(residual, bins=50, range=(0.0, reach), weights=trust)
+    counts = 100.0 * counts / trust.sum()
 
     def draw(axes: Axes) -> None:
         axes.stairs(counts, edges, fill=True, color=ACCENT, alpha=0.75)
         top = float(counts.max())
-        for key, text in (("median", "median"), ("most", "95 %")):
+        for key, text, drop in (("median", "median", -2), ("most", "95 %", -18)):
             axes.axvline(figures[key], color=MUTED, linewidth=1.0, linestyle=(0, (3, 2)))
-            axes.annotate(text, (figures[key], top), (4, -2), textcoords="offset points", va="top")
-        axes.set(xlim=(0, 0.5), xlabel="residual, rings", ylabel="face, %")
+            axes.annotate(text, (figures[key], top), (4, drop), textcoords="offset points", va="top")
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_formatter("{x:.3g}")
+        axes.set(xlim=(0, reach), xlabel="residual, rings", ylabel="face, %")
 
     return svg("residual", "Histogram of the residual of the phase, in rings.", (400, 250), draw)

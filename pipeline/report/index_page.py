@@ -59,8 +59,11 @@ def _scan(row: ScanRow, folder: Path) -> dict[str, Any]:
         "rings": "" if row.rings is None else f"{row.rings:,}",
         "seconds": seconds_text(row.seconds),
         "report": report,
-        "others": [{"name": Path(file).name, "link": files[product]} for product, file in sorted(row.products.items())
-                   if not file.endswith(".html")],
+        "others": [
+            {"name": Path(file).name, "link": files[product]}
+            for product, file in sorted(row.products.items())
+            if not file.endswith(".html")
+        ],
         "warnings": row.warnings,
         "thumbnail": read_thumbnail(folder / row.stem / page),
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +12,8 @@ import numpy.typing as npt
 Array = npt.NDArray[Any]
 
 _CANDIDATES = 48
+# A boundary in several pieces is numbered on so many of them, if they are far from each other.
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -47,14 +49,17 @@ class _Taken:
 
 
 def place_labels(
-    lines: Mapping[int, Array], extent: tuple[float, float, float, float], unit: float, height: float = 14.0
+    lines: Mapping[int, Sequence[Array]],
+    extent: tuple[float, float, float, float],
+    unit: float,
+    height: float = 14.0,
 ) -> list[Label]:
     """Place the numbers of rings on their lines, in a row across the rings where they fit.
 
     Parameters
     ----------
     lines
-        Ring index to points (N, 2) of its boundary.
+        Ring index to the pieces of its boundary, points (N, 2) each.
     extent
         Left, top, width and height of the picture, in the unit of the points.
     unit
@@ -67,21 +72,27 @@ def place_labels(
     list of Label
         Every tenth ring has the first choice, then every fifth, then the others; who finds no place has none.
     """
-    candidates = {index: _inside(points, extent, 0.7 * height * unit) for index, points in lines.items()}
-    candidates = {index: points for index, points in candidates.items() if len(points)}
-    anchors = _anchors(candidates, extent)
+    margin = height * unit
+    pieces = {index: [_inside(points, extent, margin) for points in parts] for index, parts in lines.items()}
     taken = _Taken()
-    labels = []
-    far = 0.3 * float(np.hypot(extent[2], extent[3]))
-    for index in sorted(candidates, key=_rank):
-        half = 0.5 * unit * np.array([0.56 * height * len(str(index)) + 5.0, height])
-        points = candidates[index]
-        distance = np.hypot(*(points - anchors[index]).T)
-        possible = taken.free(points, half) & (distance <= far)
-        if possible.any():
-            x, y = points[np.argmin(np.where(possible, distance, np.inf))]
-            taken.boxes.append((float(x), float(y), float(half[0]), float(half[1])))
-            labels.append(Label(index, float(x), float(y)))
+    labels: list[Label] = []
+    size = float(np.hypot(extent[2], extent[3]))
+    for _ in range(_ROUNDS):
+        pieces = {index: [points for points in parts if len(points)] for index, parts in pieces.items()}
+        anchors = _walk({index: parts for index, parts in pieces.items() if parts}, extent)
+        for index in sorted(anchors, key=_rank):
+            which, anchor = anchors[index]
+            points = pieces[index].pop(which)
+            half = 0.5 * unit * np.array([0.56 * height * len(str(index)) + 5.0, height])
+            distance = np.hypot(*(points - anchor).T)
+            possible = taken.free(points, half) & (distance <= 0.3 * size)
+            for label in labels:
+                if label.index == index:
+                    possible &= np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) > 0.2 * size
+            if possible.any():
+                x, y = points[np.argmin(np.where(possible, distance, np.inf))]
+                taken.boxes.append((float(x), float(y), float(half[0]), float(half[1])))
+                labels.append(Label(index, float(x), float(y)))
     return sorted(labels, key=lambda label: label.index)
 
 
@@ -94,24 +105,30 @@ def _inside(points: Array, extent: tuple[float, float, float, float], margin: fl
     left, top, width, height = extent
     margin = min(margin, 0.2 * min(width, height))
     low, high = np.array([left, top]) + margin, np.array([left + width, top + height]) - margin
-    kept = points[((points >= low) & (points <= high)).all(axis=1)]
+    kept = np.asarray(points[((points >= low) & (points <= high)).all(axis=1)])
     if len(kept) <= _CANDIDATES:
         return kept
-    return kept[np.linspace(0, len(kept) - 1, _CANDIDATES).astype(int)]
+    return np.asarray(kept[np.linspace(0, len(kept) - 1, _CANDIDATES).astype(int)])
 
 
-def _anchors(candidates: Mapping[int, Array], extent: tuple[float, float, float, float]) -> dict[int, Array]:
-    """Where each number would stand best: a walk from the middle ring to both sides by the shortest steps."""
-    order = sorted(candidates)
+def _walk(
+    pieces: Mapping[int, Sequence[Array]], extent: tuple[float, float, float, float]
+) -> dict[int, tuple[int, Array]]:
+    """Which piece gets each number and where it would stand best: a walk from the middle ring by shortest steps."""
+    order = sorted(pieces)
     if not order:
         return {}
     centre = np.array([extent[0] + 0.5 * extent[2], extent[1] + 0.5 * extent[3]])
     start = len(order) // 2
-    anchors: dict[int, Array] = {}
+    anchors: dict[int, tuple[int, Array]] = {}
     for walk in (order[start:], order[start::-1]):
         place = centre
         for index in walk:
-            points = candidates[index]
-            place = points[np.argmin(np.hypot(*(points - place).T))]
-            anchors.setdefault(index, place)
+            if index in anchors:
+                place = anchors[index][1]
+                continue
+            nearest = [points[np.argmin(np.hypot(*(points - place).T))] for points in pieces[index]]
+            which = int(np.argmin([np.hypot(*(point - place)) for point in nearest]))
+            place = nearest[which]
+            anchors[index] = which, place
     return anchors

@@ -36,13 +36,15 @@ def _phase(scan: Scan) -> dict[str, Any] | None:
     wave = scan.combined(variables, _wave)
     trust = np.abs(wave)
     if not traced:
-        trust = trust / max(float(np.nanpercentile(trust, 95)) if trust.size else 0.0, 1e-9)
+        trust = trust / max(float(np.percentile(trust, 95)), 1e-9)
     trust = np.where(scan.wood(wave.shape), trust, 0.0)
     where = "0 at each ring boundary, growing outwards" if traced else "growing along the rings' bright side"
     picture = jpeg(
         phase_colors(np.angle(wave), trust), "Phase of the rings as hue, dark where it is unsure.", 84, fine_color=True
     )
-    return _figure("Phase", picture, phase_bar(), f"Hue is the phase within the ring, {where}; dark where it is unsure.")
+    return _figure(
+        "Phase", picture, phase_bar(), f"Hue is the phase within the ring, {where}; dark where it is unsure."
+    )
 
 
 def _wave(phase_rad: Array, size: Array | None = None) -> Array:
@@ -61,13 +63,13 @@ def _ring_width(scan: Scan) -> dict[str, Any] | None:
     low, high = np.percentile(known, [1.0, 99.0]) if known.size else (1.0, 2.0)
     low, high = float(low), float(max(high, 1.25 * low))
     share = np.log(width / low) / np.log(high / low)
-    middle = float(np.median(known)) if known.size else float("nan")
+    middle = f" Median {np.median(known):.3g} {unit}." if known.size else ""
     picture = jpeg(mapped(share, "viridis"), f"Local ring width, {low:.3g} to {high:.3g} {unit}.", 84)
     return _figure(
         "Ring width",
         picture,
         log_bar("viridis", low, high, unit),
-        f"One over the local frequency: how far it is from one boundary to the next. Median {middle:.3g} {unit}.",
+        f"One over the local frequency: how far it is from one boundary to the next.{middle}",
     )
 
 
@@ -77,11 +79,12 @@ def _coherence(scan: Scan) -> dict[str, Any] | None:
     coherence = scan.image(COHERENCE)
     wood = scan.wood(coherence.shape)
     colors = np.where(wood[..., None], mapped(coherence, "cividis"), NOTHING)
-    middle = float(np.nanmedian(coherence[wood])) if wood.any() else float("nan")
+    known = coherence[wood & np.isfinite(coherence)]
+    middle = f" Median {np.median(known):.2f}." if known.size else ""
     picture = jpeg(colors, "Coherence of the local direction, 0 to 1.", 82)
     return _figure(
         "Coherence",
         picture,
         linear_bar("cividis", 0.0, 1.0, ""),
-        f"1 where the wood has one clear direction, 0 where it has none. Median {middle:.2f}.",
+        f"1 where the wood has one clear direction, 0 where it has none.{middle}",
     )

@@ -88,9 +88,11 @@ def cut_of(place: Place) -> str:
     length = float(np.linalg.norm(outward))
     if length < 1e-6:
         return "through the pith"
+    if abs(outward[0]) < 0.5 * place.frame.width and abs(outward[1]) < 0.5 * place.frame.height:
+        # Somewhere on the face the rings touch it.
+        return "cathedral" if place.tilt_rad > np.radians(8) else "flat-sawn"
     steep = float(np.degrees(np.arccos(np.clip(abs(outward[2]) / length, 0.0, 1.0))))
-    name = "flat-sawn" if steep < 35 else "quarter-sawn" if steep > 60 else "rift-sawn"
-    return f"cathedral, {name}" if place.tilt_rad > np.radians(8) and name == "flat-sawn" else name
+    return "flat-sawn" if steep < 35 else "quarter-sawn" if steep > 60 else "rift-sawn"
 
 
 def pose_rows(place: Place, pixel_size: float | None) -> list[dict[str, str]]:

@@ -6,7 +6,7 @@ import io
 import re
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ _STYLE = {
     WOOD: "var(--wood)",
     COOL: "var(--cool)",
 }
-_SETTINGS = {
+_SETTINGS: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "woodpipe",
     "font.size": 10.0,

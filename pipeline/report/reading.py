@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +16,8 @@ from stages.stage import Variable
 from stages.variables import ENCODED, PIXEL_SIZE, RGB, VALID
 
 Array = npt.NDArray[Any]
+
+_LONGEST_SIDE = 4000
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,21 @@ class Scan:
         step = steps[0] if steps else 1.0
         return Frame(float(x[0]) - step / 2, float(y[0]) - step / 2, columns * step, rows * step, step)
 
-    def image(self, variable: Variable, longer: int = LONGER_SIDE) -> Array:
+    @property
+    def longer(self) -> int:
+        """Longer side of the pictures, px: strips get more, for the same number of pixels in all."""
+        frame = self.frame
+        if frame is None:
+            return LONGER_SIDE
+        slender = max(frame.width, frame.height) / min(frame.width, frame.height)
+        return min(_LONGEST_SIDE, round(LONGER_SIDE * math.sqrt(max(1.0, slender / 1.5))))
+
+    def image(self, variable: Variable, longer: int | None = None) -> Array:
         """An image shrunk by averaging, (H, W) or (H, W, 3), float32 or complex64."""
         if variable.name not in self._kept:
             array = self.ds[variable.name]
-            self._kept[variable.name] = fit(block_mean(array, self._stride(array)), LONGER_SIDE)
-        return fit(self._kept[variable.name], longer)
+            self._kept[variable.name] = fit(block_mean(array, self._stride(array)), self.longer)
+        return fit(self._kept[variable.name], self.longer if longer is None else longer)
 
     def combined(self, names: Iterable[Variable], combine: Any) -> Array:
         """Combine several images at their full resolution, band by band, then shrink the result by averaging."""
@@ -99,9 +111,9 @@ class Scan:
         for top in range(0, arrays[0].sizes["y"], rows):
             parts = [np.asarray(array[top : top + rows].values) for array in arrays]
             bands.append(block_mean(combine(*parts), step))
-        return fit(np.concatenate(bands))
+        return fit(np.concatenate(bands), self.longer)
 
-    def photograph(self, longer: int = LONGER_SIDE) -> Bytes | None:
+    def photograph(self, longer: int | None = None) -> Bytes | None:
         """The photograph as sRGB bytes (H, W, 3)."""
         if self.has(RGB):
             return srgb_bytes(self.image(RGB, longer))
@@ -117,6 +129,5 @@ class Scan:
         mask = self.image(VALID) > 0.5
         return mask if mask.shape == shape[:2] else np.ones(shape[:2], dtype=bool)
 
-    @staticmethod
-    def _stride(array: xr.DataArray) -> int:
-        return max(1, max(array.sizes["y"], array.sizes["x"]) // LONGER_SIDE)
+    def _stride(self, array: xr.DataArray) -> int:
+        return max(1, max(array.sizes["y"], array.sizes["x"]) // self.longer)

@@ -22,6 +22,9 @@ UNSURE = 0.5
 
 _WIDE_PX, _NARROW_PX, _THUMB_PX = 1040.0, 340.0, 360
 
+#: Strips are shown at least so high (lying) or wide (standing), px; lying ones scroll sideways on a small screen.
+_LEAST_PX = 130.0
+
 
 @dataclass(frozen=True)
 class Ring:
@@ -55,7 +58,9 @@ def rings_of(scan: Scan) -> list[Ring] | None:
     closed = scan.values(RING_CLOSED) if scan.has(RING_CLOSED) else np.zeros(len(index), bool)
     pieces = np.split(points, np.cumsum(scan.values(VERTEX_COUNT))[:-1]) if len(index) else []
     return [
-        Ring(int(i), float(c), bool(k), p) for i, c, k, p in zip(index, confidence, closed, pieces, strict=True) if len(p)
+        Ring(int(i), float(c), bool(k), p)
+        for i, c, k, p in zip(index, confidence, closed, pieces, strict=True)
+        if len(p)
     ]
 
 
@@ -65,7 +70,9 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
     if photograph is None or frame is None:
         return None
     rings = rings_of(scan)
+    shown = _shown(frame)
     section: dict[str, Any] = {
+        "shown": shown,
         "picture": jpeg(photograph, _alt(name, frame, rings), 86),
         "frame": frame,
         "traced": rings is not None,
@@ -87,12 +94,21 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
         }
         for ring in rings
     ]
-    for size, place in (("wide", _WIDE_PX), ("narrow", _NARROW_PX)):
-        section[size] = _labels(rings, frame, place)
+    section["wide"] = _labels(
+        rings, frame, shown["most"] if shown["most"] < _WIDE_PX else max(_WIDE_PX, shown["least"])
+    )
+    section["narrow"] = _labels(rings, frame, min(_NARROW_PX, shown["most"]))
     section["count"] = len({ring.index for ring in rings})
     section["unsure"] = len({ring.index for ring in rings if ring.confidence < UNSURE})
     section["first"], section["last"] = min(r.index for r in rings), max(r.index for r in rings)
     return section
+
+
+def _shown(frame: Frame) -> dict[str, float]:
+    """Least and most width of the picture on the screen, px."""
+    if frame.width >= frame.height:
+        return {"least": min(4000.0, round(_LEAST_PX * frame.width / frame.height)), "most": 4000.0}
+    return {"least": 0.0, "most": max(_LEAST_PX, round(_WIDE_PX * frame.width / frame.height))}
 
 
 def _alt(name: str, frame: Frame, rings: list[Ring] | None) -> str:
@@ -114,10 +130,9 @@ def _path(ring: Ring, tolerance: float) -> str:
 
 
 def _labels(rings: list[Ring], frame: Frame, width_px: float) -> list[dict[str, Any]]:
-    lines: dict[int, Array] = {}
+    lines: dict[int, list[Array]] = {}
     for ring in rings:
-        known = ring.points[np.isfinite(ring.points).all(axis=1)]
-        lines[ring.index] = np.concatenate([lines[ring.index], known]) if ring.index in lines else known
+        lines.setdefault(ring.index, []).append(ring.points[np.isfinite(ring.points).all(axis=1)])
     extent = (frame.left, frame.top, frame.width, frame.height)
     labels = place_labels(lines, extent, frame.width / width_px)
     return [
@@ -137,10 +152,12 @@ def thumbnail(scan: Scan, name: str) -> Picture | None:
     if photograph is None or frame is None:
         return None
     small = np.ascontiguousarray(fit(photograph, 2 * _THUMB_PX))
-    for ring in rings_of(scan) or []:
+    rings = rings_of(scan) or []
+    width = 2 if len(rings) < 30 else 1
+    for ring in rings:
         places = (ring.points - [frame.left, frame.top]) * (small.shape[1] / frame.width) - 0.5
         color = ring_color(ring.index)
         line = np.round(places * 16).astype(np.int32)[:, None]
         rgb = tuple(int(color[k : k + 2], 16) for k in (1, 3, 5))
-        cv2.polylines(small, [line], ring.closed, rgb, 2 if ring.confidence >= UNSURE else 1, cv2.LINE_AA, 4)
+        cv2.polylines(small, [line], ring.closed, rgb, width, cv2.LINE_AA, 4)
     return jpeg(fit(small, _THUMB_PX), f"Photograph {name} with its rings", 78)

@@ -57,7 +57,7 @@ def render_scan(ds: xr.Dataset, context: ProductContext) -> str:
         total=seconds_text(sum(context.seconds.values())),
         has_rings=scan.has(RING_X),
         has_texture=sections["solid"] is not None,
-        last_stage=next(reversed(context.keys), "") if context.keys else "",
+        last_stage=list(context.keys)[-1] if context.keys else "",
         complete=scan.has(COLOR_STRIP),
         **sections,
     )
@@ -74,17 +74,27 @@ def _facts(scan: Scan, context: ProductContext, sections: dict[str, Any]) -> lis
     if width is not None:
         size = scan.pixel_size
         px = f"{width:.1f} px"
-        facts.append(_fact("Ring width", px if size is None else f"{width * size:.2f} mm", "scale unknown" if size is None else px))
+        facts.append(
+            _fact(
+                "Ring width", px if size is None else f"{width * size:.2f} mm", "scale unknown" if size is None else px
+            )
+        )
     if sections["pose"] is not None:
         facts.append(_fact("Cut", sections["pose"]["cut"], ""))
     if compare is not None and compare["psnr"] is not None:
-        facts.append(_fact("Re-rendering", compare["psnr"], f"PSNR, blurred by {compare['sigma']} px"))
+        facts.append(_fact("Re-rendering", compare["psnr"], f"PSNR, {compare['sigma']} px blur"))
     if fit is not None and fit["residual"] is not None:
         facts.append(_fact("Residual", f"{fit['residual']['median']} ring", f"95 % below {fit['residual']['most']}"))
     frame = scan.frame
     if frame is not None:
         note = "scale unknown" if scan.pixel_size is None else f"{25.4 / scan.pixel_size:.0f} dpi"
-        facts.append(_fact("Scan", f"{frame.width:.0f} × {frame.height:.0f}", f"px, {note}"))
+        facts.append(
+            _fact(
+                "Scan",
+                f"{frame.width:.0f} × {frame.height:.0f}",
+                f"px, {note}" if scan.pixel_size is None else f"px at {note}",
+            )
+        )
     if context.seconds:
         facts.append(_fact("Time", seconds_text(sum(context.seconds.values())), f"{len(context.seconds)} stages"))
     return facts
@@ -105,4 +115,3 @@ def _ring_width(scan: Scan) -> float | None:
         scale = float(scan.values(RING_SCALE))
         return scale if np.isfinite(scale) else None
     return None
-

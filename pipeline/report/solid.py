@@ -17,11 +17,11 @@ from stages.variables import BOARD_TO_TREE, COLOR_STRIP, POLISHED_DISPLACEMENT, 
 Array = npt.NDArray[Any]
 
 _LONGER_PX = 1000
-_MOST_POINTS = 900_000
+_MOST_POINTS = 700_000
 _DEPTH_SHARE = 0.4
 
 #: Light on side, top and front.
-_LIGHT = np.array([0.62, 1.0, 0.86])
+_LIGHT = np.array([0.54, 1.0, 0.86])
 _BACKDROP_TOP, _BACKDROP_BOTTOM = np.array([0.47, 0.45, 0.42]), np.array([0.66, 0.64, 0.60])
 
 
@@ -33,10 +33,10 @@ def solid_section(scan: Scan) -> dict[str, Any] | None:
     from stages.products import solid_texture_of
 
     box = block_of(frame)
-    picture = draw_block(solid_texture_of(scan.ds), box)
+    picture = draw_block(solid_texture_of(scan.ds), box, _LONGER_PX)
     size = box.high - box.low
     unit, factor = ("px", 1.0) if scan.pixel_size is None else ("mm", scan.pixel_size)
-    text = " \u00d7 ".join(f"{side * factor:.4g}" for side in size)
+    text = " \u00d7 ".join(f"{side * factor:.3g}" for side in size)
     return {
         "picture": jpeg(
             picture,
@@ -53,11 +53,13 @@ def block_of(frame: Frame) -> Box:
     """The photographed face with some depth, a corner cut away."""
     shorter = min(frame.width, frame.height)
     low = np.array([frame.left, frame.top, 0.0])
-    high = low + [frame.width, frame.height, _DEPTH_SHARE * shorter]
-    return Box(low, high, np.array([0.46, 0.42, 0.55 * _DEPTH_SHARE]) * shorter)
+    high = low + np.array([frame.width, frame.height, _DEPTH_SHARE * shorter])
+    cut = np.array([0.46, 0.42, 0.55 * _DEPTH_SHARE]) * shorter
+    cut[:2] = np.maximum(cut[:2], 0.2 * (high - low)[:2])
+    return Box(low, high, cut)
 
 
-def draw_block(texture: Any, box: Box, longer: int = _LONGER_PX) -> Bytes:
+def draw_block(texture: Any, box: Box, longer: int) -> Bytes:
     """Draw the block.
 
     Parameters
@@ -74,7 +76,8 @@ def draw_block(texture: Any, box: Box, longer: int = _LONGER_PX) -> Bytes:
     uint8 array of shape (H, W, 3)
         sRGB.
     """
-    camera = camera_for(box, longer)
+    long_strip = float((box.high - box.low)[0]) > 2.5 * float((box.high - box.low)[1])
+    camera = camera_for(box, longer, 20.0 if long_strip else 33.0)
     covered = float(look(box, camera.scaled(0.2)).hit.sum()) * 25.0
     finer = float(np.clip(np.sqrt(_MOST_POINTS / max(covered, 1.0)), 1.0, 2.0))
     fine = camera.scaled(finer)

@@ -35,7 +35,6 @@ def strip_section(scan: Scan) -> dict[str, Any] | None:
     seen = support > 0
     return {
         "long": _row(rgb),
-        "seen": _row(np.where(seen[:, None], [0.6, 0.35, 0.15], [0.0, 0.0, 0.0])),
         "seen_spans": _spans(seen, age, low, high, half),
         "curve": _curve(age, lateness, low, high),
         "ticks": [Tick(f"{100 * (v - low) / (high - low):.2f}", f"{v:g}") for v in ticks_between(low, high, 12)],
@@ -53,9 +52,9 @@ def _ages(scan: Scan, size: int) -> Array:
 
 def _row(rgb: Array) -> Any:
     """The strip as a picture one row high (two: some browsers smooth a single row away)."""
-    line = rgb[None].astype(np.float32)
+    line: Array = rgb[None].astype(np.float32)
     if line.shape[1] > 2400:
-        line = cv2.resize(line, (2400, 1), interpolation=cv2.INTER_AREA)
+        line = np.asarray(cv2.resize(line, (2400, 1), interpolation=cv2.INTER_AREA))
     return png(srgb_bytes(np.repeat(line, 2, axis=0)), "Color over ring age, from the pith side outwards.")
 
 

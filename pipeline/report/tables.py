@@ -54,11 +54,14 @@ def stage_rows(context: ProductContext) -> list[dict[str, Any]]:
             "share": f"{100 * context.seconds.get(name, 0.0) / longest:.1f}" if longest > 0 else "0",
             "key": context.keys.get(name, ""),
             "figures": _pairs(context.figures.get(name, {})),
-            "params": _pairs(context.params.get(name, {})),
+            "params": _pairs(context.params.get(name, {}), plain=False),
         }
         for name in names
     ]
 
 
-def _pairs(values: Mapping[str, Any]) -> list[dict[str, str]]:
-    return [{"name": name.replace("_", " "), "value": number_text(value)} for name, value in values.items()]
+def _pairs(values: Mapping[str, Any], plain: bool = True) -> list[dict[str, str]]:
+    return [
+        {"name": name.replace("_", " ") if plain else name, "value": number_text(value)}
+        for name, value in values.items()
+    ]

@@ -28,8 +28,10 @@ def pose_section(scan: Scan) -> dict[str, Any] | None:
         return None
     cut = cut_of(place)
     return {
-        "across": svg("across", f"The trunk seen along the pith, with the board in it: {cut}.", (310, 310), _across(place)),
-        "along": svg("along", "The trunk and the board seen from the side.", (230, 310), _along(place)),
+        "across": svg(
+            "across", f"The trunk seen along the pith, with the board in it: {cut}.", (300, 300), _across(place)
+        ),
+        "along": svg("along", "The trunk and the board seen from the side.", (300, 300), _along(place)),
         "rows": pose_rows(place, scan.pixel_size),
         "words": open_words(place),
         "cut": cut,
@@ -57,7 +59,7 @@ def _corners(place: Place) -> tuple[Array, Array]:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     size = box.high - box.low
     face = place.tree(box.low + square * size)
-    back = place.tree(box.low + (square + [0, 0, 1]) * size)
+    back = place.tree(box.low + (square + np.array([0, 0, 1])) * size)
     return face, np.concatenate([face, back])
 
 
@@ -103,8 +105,9 @@ def _along(place: Place) -> Any:
     outer = float(place.radii.max()) if len(place.radii) else float(np.abs(block[:, 0]).max())
 
     def draw(axes: Axes) -> None:
-        margin = 0.12 * max(float(np.ptp(block[:, 1])), outer)
-        low, high = float(block[:, 1].min()) - margin, float(block[:, 1].max()) + margin
+        # As much of the trunk as is wide, so that both drawings have one scale.
+        middle, half = 0.5 * float(block[:, 1].min() + block[:, 1].max()), 0.56 * float(np.ptp(block[:, 1]))
+        low, high = middle - max(outer, half), middle + max(outer, half)
         axes.fill([-outer, outer, outer, -outer], [low, low, high, high], facecolor=RULE, alpha=0.35, linewidth=0)
         axes.plot([0, 0], [low, high], color=INK, linewidth=1.0, linestyle=(0, (6, 3, 1.5, 3)))
         _board(axes, face, block)
@@ -134,4 +137,4 @@ def _widths(place: Place, pixel_size: float | None) -> str | None:
         axes.set(xlabel="ring, from the pith", ylabel=f"width, {unit}")
 
     alt = f"Widths of {len(widths)} rings of the fitted tree, {widths.min():.3g} to {widths.max():.3g} {unit}."
-    return svg("widths", alt, (620, 200), draw)
+    return svg("widths", alt, (400, 180), draw)

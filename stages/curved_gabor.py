@@ -1,0 +1,102 @@
+"""Curved Gabor: phase, frequency and refined orientation of the rings."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from pydantic import Field, PositiveFloat, PositiveInt
+
+from stages.stage import Params, like_image, scalar, stage
+from stages.variables import (
+    ASYMMETRY,
+    CURVATURE,
+    EXPLAINED,
+    FREQUENCY,
+    MAGNITUDE,
+    NORMAL,
+    ORIENTATION,
+    PHASE,
+    REDUCTION,
+    RESPONSE,
+    RING_ORIENTATION,
+    RING_SCALE,
+    VALID,
+    VALUE,
+)
+from woodfit import curved_gabor as gabor
+
+
+class CurvedGaborParams(Params):
+    """Parameters of `curved_gabor`."""
+
+    p: PositiveInt = 80
+    """Half size of the curved region across the rings, analysed px."""
+
+    q: PositiveInt = 80
+    """Half size of the curved region along the rings, analysed px."""
+
+    sigma_along: PositiveFloat = 27.0
+    """Standard deviation of the window along the rings, analysed px."""
+
+    cycles: PositiveFloat = 0.5
+    """Standard deviation of the window across the rings, wavelengths."""
+
+    narrowest_rings: float = Field(default=0.125, gt=0.0, le=1.0)
+    """Narrowest ring looked for, in characteristic ring widths (never under three analysed px)."""
+
+    widest_rings: float = Field(default=4.0, ge=1.0)
+    """Widest ring looked for, in characteristic ring widths (never over two regions)."""
+
+
+def _region(params: CurvedGaborParams) -> gabor.Region:
+    return gabor.Region(params.p, params.q, params.sigma_along, params.cycles)
+
+
+def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
+    return gabor.halo(scalar(ds, RING_SCALE) / scalar(ds, REDUCTION), _region(params))
+
+
+@stage(
+    requires=(VALUE, VALID, ORIENTATION, RING_SCALE, REDUCTION),
+    provides=(
+        RESPONSE,
+        MAGNITUDE,
+        PHASE,
+        EXPLAINED,
+        NORMAL,
+        ASYMMETRY,
+        FREQUENCY,
+        CURVATURE,
+        RING_ORIENTATION,
+    ),
+    version=1,
+    params=CurvedGaborParams,
+    halo=_halo,
+)
+def curved_gabor(ds: xr.Dataset, params: CurvedGaborParams) -> xr.Dataset:
+    """Filter along and across the rings for their phase, frequency, curvature and orientation."""
+    step = scalar(ds, REDUCTION)
+    ring = scalar(ds, RING_SCALE) / step
+    field = gabor.curved_gabor(
+        ds[VALUE.name].values,
+        ds[VALID.name].values,
+        ds[ORIENTATION.name].values,
+        ring,
+        _region(params),
+        max(3.0, params.narrowest_rings * ring),
+        min(2.0 * params.p, params.widest_rings * ring),
+    )
+    return like_image(
+        ds,
+        {
+            RESPONSE: field.response,
+            MAGNITUDE: np.abs(field.response),
+            PHASE: np.angle(field.response),
+            EXPLAINED: field.explained,
+            NORMAL: field.normal,
+            ASYMMETRY: field.asymmetry,
+            FREQUENCY: field.frequency / np.float32(step),
+            CURVATURE: field.curvature / np.float32(step),
+            RING_ORIENTATION: field.orientation,
+        },
+    )

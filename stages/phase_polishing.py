@@ -1,0 +1,121 @@
+"""Phase polishing: the displacement that makes the model's phase the observed one."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from pydantic import Field, PositiveFloat, PositiveInt
+
+from stages.polylines import vertex_ages
+from stages.stage import Params, stage
+from stages.variables import (
+    AZIMUTH_WRAPS,
+    BOARD_TO_TREE,
+    DISPLACEMENT,
+    FACE_AGE,
+    LOSS,
+    PHASE_CONFIDENCE,
+    PHASE_RESIDUAL,
+    POLISHED_DISPLACEMENT,
+    RING_AGE_SHIFT,
+    RING_GROUP,
+    RING_INDEX,
+    RING_PHASE,
+    RING_RADIUS,
+    RING_X,
+    RING_Y,
+    VERTEX_CONFIDENCE,
+    VERTEX_COUNT,
+)
+from woodfit import cylinder_grid, displacement, face
+from woodfit.rings import wrap
+
+
+class PhasePolishingParams(Params):
+    """Parameters of `phase_polishing`."""
+
+    stiffness_px: tuple[PositiveFloat, ...] = Field(default=(48.0, 16.0, 6.0, 2.0, 1.0, 0.5), min_length=1)
+    """Smoothing length of each Gauss-Newton step, coarse to fine, px."""
+
+    along_stem: PositiveFloat = 2.0
+    """How much stiffer the displacement is along the stem than across it."""
+
+    boundary_share: PositiveFloat = 0.5
+    """Weight of all boundary vertices together, relative to all pixels together."""
+
+    most_pixels: PositiveInt = 150_000
+    """Face pixels that the phase is compared at; a regular subset of larger faces."""
+
+
+@stage(
+    requires=(
+        RING_PHASE,
+        PHASE_CONFIDENCE,
+        RING_X,
+        RING_Y,
+        VERTEX_CONFIDENCE,
+        VERTEX_COUNT,
+        RING_INDEX,
+        RING_GROUP,
+        RING_AGE_SHIFT,
+        RING_RADIUS,
+        BOARD_TO_TREE,
+        DISPLACEMENT,
+        AZIMUTH_WRAPS,
+    ),
+    provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
+    version=1,
+    params=PhasePolishingParams,
+)
+def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
+    """Minimise the cyclic phase difference between the face and the model over the displacement."""
+    start = ds[DISPLACEMENT.name]
+    grid = cylinder_grid.CylinderGrid(
+        *(start.coords[name].values for name in ("radius", "azimuth", "height")), bool(ds[AZIMUTH_WRAPS.name])
+    )
+    x, y, matrix = ds.coords["x"].values, ds.coords["y"].values, ds[BOARD_TO_TREE.name].values
+    table = ds[RING_RADIUS.name].values
+    phase, belief = ds[RING_PHASE.name].values, ds[PHASE_CONFIDENCE.name].values
+    every = face.stride_for(phase.size, params.most_pixels)
+    grid_x, grid_y = np.meshgrid(x[::every], y[::every])
+    pixels = face.observe(
+        grid_x.ravel(),
+        grid_y.ravel(),
+        matrix,
+        phase[::every, ::every].ravel(),
+        belief[::every, ::every].ravel() ** 2 * every**2,
+    )
+    vertices = face.observe(
+        ds[RING_X.name].values,
+        ds[RING_Y.name].values,
+        matrix,
+        vertex_ages(ds, RING_INDEX.name, RING_GROUP.name, RING_AGE_SHIFT.name),
+        np.maximum(ds[VERTEX_CONFIDENCE.name].values, 0.02),
+    )
+    polished = displacement.polish(
+        grid,
+        start.values,
+        pixels,
+        vertices,
+        table,
+        params.stiffness_px,
+        params.along_stem,
+        params.boundary_share,
+    )
+    age = face.face_age(x, y, matrix, grid, polished.displacement, table)
+    residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
+    sure = np.abs(residual[belief > 0.5])
+    figures = {"loss": round(float(polished.loss[-1]), 4)}
+    if sure.size:
+        figures["median residual at confident pixels (rad)"] = round(float(np.median(sure)), 3)
+        figures["95 % residual at confident pixels (rad)"] = round(float(np.percentile(sure, 95)), 3)
+    return xr.Dataset(
+        {
+            POLISHED_DISPLACEMENT.name: POLISHED_DISPLACEMENT.array(polished.displacement),
+            FACE_AGE.name: FACE_AGE.array(age),
+            PHASE_RESIDUAL.name: PHASE_RESIDUAL.array(residual),
+            LOSS.name: LOSS.array(polished.loss),
+        },
+        coords={name: ds.coords[name] for name in ("y", "x", "radius", "azimuth", "height")},
+        attrs={"figures": figures},
+    )

@@ -1,0 +1,145 @@
+"""Ring tracing: ring boundaries as polylines on the true latewood edge, numbered outwards."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+
+from stages.stage import Params, scalar, stage
+from stages.variables import (
+    ASYMMETRY,
+    BRIGHT_OUTWARDS,
+    EXPLAINED,
+    FREQUENCY,
+    GRAIN_RATIO,
+    GROWTH_ANGLE,
+    GROWTH_SURENESS,
+    NORMAL,
+    PHASE_CONFIDENCE,
+    REDUCTION,
+    RESPONSE,
+    RING_CLOSED,
+    RING_CONFIDENCE,
+    RING_GROUP,
+    RING_INDEX,
+    RING_ORIENTATION,
+    RING_PHASE,
+    RING_SCALE,
+    RING_X,
+    RING_Y,
+    VALID,
+    VALUE,
+    VERTEX_CONFIDENCE,
+    VERTEX_COUNT,
+)
+from woodfit import rings
+
+
+class RingTracingParams(Params):
+    """Parameters of `ring_tracing`."""
+
+    bright_outwards: bool | None = None
+    """Whether the abrupt edge of a ring brightens outwards (true for conifers); found when not given."""
+
+    seed_confidence: float = Field(default=0.3, ge=0.0, le=1.0)
+    """Confidence of the phase at which a trace may start."""
+
+    floor_confidence: float = Field(default=0.1, ge=0.0, le=1.0)
+    """Confidence below which a trace keeps its heading instead of following the phase."""
+
+    max_gap_rings: NonNegativeFloat = 1.5
+    """How far a trace carries on without confidence, in local ring widths."""
+
+    shortest_rings: PositiveFloat = 2.0
+    """Shortest trace kept, in local ring widths."""
+
+
+@stage(
+    requires=(
+        VALUE,
+        VALID,
+        RESPONSE,
+        EXPLAINED,
+        NORMAL,
+        ASYMMETRY,
+        FREQUENCY,
+        RING_ORIENTATION,
+        RING_SCALE,
+        REDUCTION,
+    ),
+    provides=(
+        RING_X,
+        RING_Y,
+        VERTEX_CONFIDENCE,
+        VERTEX_COUNT,
+        RING_INDEX,
+        RING_GROUP,
+        RING_CONFIDENCE,
+        RING_CLOSED,
+        RING_PHASE,
+        PHASE_CONFIDENCE,
+        GROWTH_ANGLE,
+        BRIGHT_OUTWARDS,
+        GROWTH_SURENESS,
+        GRAIN_RATIO,
+    ),
+    version=1,
+    params=RingTracingParams,
+)
+def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
+    """Trace the ring boundaries, move them onto their edges and number them outwards."""
+    step = scalar(ds, REDUCTION)
+    found = rings.find_rings(
+        ds[VALUE.name].values,
+        ds[VALID.name].values,
+        ds[RESPONSE.name].values,
+        ds[EXPLAINED.name].values,
+        ds[NORMAL.name].values,
+        ds[ASYMMETRY.name].values,
+        ds[FREQUENCY.name].values * step,
+        ds[RING_ORIENTATION.name].values,
+        scalar(ds, RING_SCALE) / step,
+        bright_outwards=params.bright_outwards,
+        seed_confidence=params.seed_confidence,
+        floor_confidence=params.floor_confidence,
+        max_gap_rings=params.max_gap_rings,
+        shortest_rings=params.shortest_rings,
+    )
+    points, belief, counts = rings.ragged(found.traces)
+    origin = [float(ds.coords[name][0]) if name in ds.coords else 0.0 for name in ("x", "y")]
+    vertex_count = VERTEX_COUNT.array(counts)
+    # The CF convention's mark of a contiguous ragged array.
+    vertex_count.attrs["sample_dimension"] = "vertex"
+    image = ("y", "x")
+    coords = {name: ds.coords[name] for name in image if name in ds.coords}
+    return xr.Dataset(
+        {
+            RING_X.name: RING_X.array(points[:, 0] * step + origin[0]),
+            RING_Y.name: RING_Y.array(points[:, 1] * step + origin[1]),
+            VERTEX_CONFIDENCE.name: VERTEX_CONFIDENCE.array(belief),
+            VERTEX_COUNT.name: vertex_count,
+            RING_INDEX.name: RING_INDEX.array(found.order.index),
+            RING_GROUP.name: RING_GROUP.array(found.order.group),
+            RING_CONFIDENCE.name: RING_CONFIDENCE.array(rings.ring_confidence(found)),
+            RING_CLOSED.name: RING_CLOSED.array(np.array([t.closed for t in found.traces], bool)),
+            RING_PHASE.name: RING_PHASE.array(found.phase),
+            PHASE_CONFIDENCE.name: PHASE_CONFIDENCE.array(found.confidence),
+            GROWTH_ANGLE.name: GROWTH_ANGLE.array(found.growth.direction),
+            BRIGHT_OUTWARDS.name: BRIGHT_OUTWARDS.array(np.bool_(found.growth.bright_outwards)),
+            GROWTH_SURENESS.name: GROWTH_SURENESS.array(np.float64(found.growth.sureness)),
+            GRAIN_RATIO.name: GRAIN_RATIO.array(np.float64(found.grain_ratio)),
+        },
+        coords=coords,
+        attrs={
+            "warnings": rings.describe_doubt(found),
+            "figures": {
+                "ring boundaries": len(np.unique(np.stack([found.order.group, found.order.index]), axis=1).T),
+                "polylines": len(found.traces),
+                "growth sureness": round(found.growth.sureness, 2),
+                "wood": "brightens outwards (conifer-like)"
+                if found.growth.bright_outwards
+                else "darkens outwards (ring-porous-like)",
+            },
+        },
+    )

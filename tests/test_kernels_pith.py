@@ -1,0 +1,241 @@
+"""The pith line from rings that are exactly round, and the radii of the rings about it."""
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from kernel_scenes import Array
+from skimage.measure import find_contours
+
+from woodfit.pith import (
+    Pith,
+    RingPoints,
+    board_to_tree,
+    board_to_tree_at,
+    fit_pith,
+    frame_of,
+    radii,
+    ring_radii,
+    sample_rings,
+)
+
+SHAPE = (400, 480)
+CENTER = np.array([239.5, 199.5, 0.0])
+
+
+def face_points() -> Array:
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    return np.stack([x, y, np.zeros(SHAPE)], axis=-1)
+
+
+def line(point: tuple[float, float, float], direction: tuple[float, float, float]) -> tuple[Array, Array]:
+    along = np.asarray(direction) / np.linalg.norm(direction)
+    return np.asarray(point, float), along
+
+
+def drawn_rings(point: Array, along: Array, boundaries: Array) -> tuple[Array, RingPoints]:
+    """True age of every boundary that the face shows (one line each), and samples of all."""
+    radius = radii(face_points(), point, along)
+    lines, ages = [], []
+    for age, boundary in enumerate(boundaries):
+        for contour in find_contours(radius, boundary) if age else ():
+            if len(contour) >= 30:
+                lines.append(contour[:, ::-1].copy())
+                ages.append(age)
+    found = np.array(ages)
+    beliefs = [np.ones(len(one)) for one in lines]
+    return found, sample_rings(lines, beliefs, found - found.min() + 1, np.zeros(len(found), int))
+
+
+def even(width: float, count: int = 120) -> Array:
+    """Boundaries of rings that all are `width` px wide."""
+    return width * np.arange(count)
+
+
+def natural(seed: int, count: int = 120) -> Array:
+    """Boundaries of rings whose width varies from year to year, the first one of them of the usual width."""
+    widths = 14.0 * np.exp(np.random.default_rng(seed).normal(0.0, 0.2, count))
+    widths[0] = 14.0
+    return np.concatenate([[0.0], np.cumsum(widths)])
+
+
+def apart(pith: Pith, point: Array, along: Array) -> tuple[float, float, float]:
+    """Angle (degrees) between found and true line, and their distance (px) across the face and in depth there."""
+    angle = np.degrees(np.arccos(min(1.0, abs(float(pith.direction @ along)))))
+    gap = pith.point - point - ((CENTER - point) @ along) * along
+    across, inward = frame_of(along)
+    return float(angle), abs(float(gap @ across)), abs(float(gap @ inward))
+
+
+# Point and direction of the pith, and how far from the truth the angle (degrees) and the two offsets (px) may be:
+# wide where the face hardly tells (tilt on end grain, depth on a flat-sawn board, both on a cathedral).
+CUTS = {
+    "end_grain": ((260.0, 180.0, 0.0), (0.03, -0.02, 1.0), (3.0, 0.5, 0.5)),
+    "end_grain_off": ((700.0, -60.0, 0.0), (0.0, 0.0, 1.0), (1.0, 4.0, 4.0)),
+    "flat_sawn": ((200.0, 200.0, 160.0), (0.03, 1.0, 0.01), (0.5, 1.0, 12.0)),
+    "flat_sawn_along_x": ((240.0, 220.0, 120.0), (1.0, 0.05, 0.0), (0.5, 1.0, 12.0)),
+    "cathedral": ((250.0, 200.0, 150.0), (0.05, 1.0, 0.35), (5.5, 1.5, 50.0)),
+}
+
+
+@pytest.mark.parametrize("cut", CUTS)
+def test_the_pith_line_of_round_rings_is_found(cut: str) -> None:
+    place, direction, most = CUTS[cut]
+    point, along = line(place, direction)
+    _, rings = drawn_rings(point, along, even(14.0))
+    pith = fit_pith(rings, 480.0)
+    assert (np.array(apart(pith, point, along)) <= most).all()
+    assert np.linalg.norm(pith.direction) == pytest.approx(1.0)
+    assert pith.spread.shape == (4,)
+    assert np.isfinite(pith.spread).all()
+    assert (pith.spread > 0).all()
+
+
+def test_a_quarter_sawn_board_tells_the_direction_but_not_the_distance() -> None:
+    point, along = line((-300.0, 200.0, 40.0), (0.02, 1.0, 0.0))
+    _, rings = drawn_rings(point, along, natural(1))
+    pith = fit_pith(rings, 480.0)
+    assert apart(pith, point, along)[0] < 0.5
+    assert np.diff(radii(np.array([[0.0, 200, 0], [240, 200, 0], [480, 200, 0]]), pith.point, pith.direction)).min() > 0
+
+
+@pytest.mark.parametrize(("cut", "seed"), [("flat_sawn", 1), ("end_grain_off", 2)])
+def test_uneven_years_do_not_turn_the_pith_line(cut: str, seed: int) -> None:
+    point, along = line(*CUTS[cut][:2])
+    _, rings = drawn_rings(point, along, natural(seed))
+    angle, across, _ = apart(fit_pith(rings, 480.0), point, along)
+    assert angle < 2.0
+    assert across < 10.0
+
+
+def test_the_mirrored_pith_line_explains_the_face_as_well() -> None:
+    point, along = line(*CUTS["flat_sawn"][:2])
+    _, rings = drawn_rings(point, along, even(20.0))
+    behind, before = fit_pith(rings, 480.0), fit_pith(rings, 480.0, pith_behind=False)
+    assert behind.point[2] > 0 > before.point[2]
+    npt.assert_allclose(
+        radii(rings.points, behind.point, behind.direction),
+        radii(rings.points, before.point, before.direction),
+        atol=1e-6,
+    )
+
+
+def test_rings_too_short_to_place_the_pith_are_an_error() -> None:
+    stub = np.stack([np.arange(5.0), np.zeros(5)], axis=1)
+    with pytest.raises(ValueError, match="at least 8 vertices"):
+        sample_rings([stub], [np.ones(5)], np.array([1]), np.array([0]))
+
+
+# --- samples and frames -------------------------------------------------------------------------------------
+def test_samples_lie_on_their_boundary_with_its_tangent_and_pieces_are_merged() -> None:
+    turn = np.linspace(0.0, 2.0, 120)
+    arcs = [100.0 * np.stack([np.cos(turn + o), np.sin(turn + o)], axis=1) for o in (0.0, 3.0)]
+    rings = sample_rings(arcs, [np.ones(120)] * 2, np.array([4, 4]), np.array([0, 0]), per_ring=10)
+    assert rings.index.tolist() == [4]
+    assert set(rings.ring) == {0}
+    assert len(rings.points) == 20
+    npt.assert_allclose(np.linalg.norm(rings.points, axis=1), 100.0)
+    npt.assert_allclose(np.linalg.norm(rings.tangents, axis=1), 1.0)
+    npt.assert_allclose((rings.points * rings.tangents).sum(axis=1), 0.0, atol=1.0)
+
+
+@pytest.mark.parametrize("cut", CUTS)
+def test_the_tree_frame_is_rigid_and_has_the_pith_as_its_axis(cut: str) -> None:
+    point, along = line(*CUTS[cut][:2])
+    pith = Pith(point, along, 0.0, np.ones(4))
+    points = np.random.default_rng(0).uniform(0, 400, (50, 3))
+    for matrix in (board_to_tree(pith), board_to_tree_at(pith, CENTER)):
+        rotation = matrix[:3, :3]
+        npt.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+        npt.assert_allclose(matrix[3], [0, 0, 0, 1])
+        tree = points @ rotation.T + matrix[:3, 3]
+        npt.assert_allclose(np.hypot(tree[:, 0], tree[:, 1]), radii(points, point, along), atol=1e-9)
+        npt.assert_allclose(tree[1:, 2] - tree[0, 2], (points[1:] - points[0]) @ along, atol=1e-9)
+    x, y, z = (board_to_tree_at(pith, CENTER) @ [*CENTER, 1.0])[:3]
+    npt.assert_allclose([y, z], 0.0, atol=1e-9)
+    assert x > 0
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.2, -0.3)])
+def test_the_frame_across_a_line_is_orthonormal_and_points_inwards(direction: tuple[float, float, float]) -> None:
+    along = np.asarray(direction) / np.linalg.norm(direction)
+    across, inward = frame_of(along)
+    basis = np.stack([along, across, inward])
+    npt.assert_allclose(basis @ basis.T, np.eye(3), atol=1e-12)
+    assert across[2] == 0.0
+    assert inward[2] >= 0.0
+
+
+# --- radii --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("cut", CUTS)
+def test_the_radii_about_the_true_pith_are_those_drawn(cut: str) -> None:
+    point, along = line(*CUTS[cut][:2])
+    boundaries = even(14.0)
+    ages, rings = drawn_rings(point, along, boundaries)
+    radius, shift, width = ring_radii(rings, Pith(point, along, 0.0, np.ones(4)))
+    npt.assert_allclose(radius, boundaries[: len(radius)], atol=0.1)
+    assert len(radius) == ages.max() + 1
+    assert shift.tolist() == [ages.min() - 1]
+    assert float(width) == pytest.approx(14.0, rel=0.02)
+
+
+def test_uneven_radii_are_kept_and_missing_ones_lie_between_their_neighbours() -> None:
+    point, along = line(*CUTS["end_grain"][:2])
+    boundaries = natural(3)
+    _, rings = drawn_rings(point, along, boundaries)
+    keep = rings.index[rings.ring] != 7
+    part = RingPoints(
+        rings.points[keep],
+        rings.tangents[keep],
+        rings.ring[keep] - (rings.ring[keep] > 6),
+        rings.weight[keep],
+        np.delete(rings.index, 6),
+        np.delete(rings.group, 6),
+    )
+    radius, shift, _ = ring_radii(part, Pith(point, along, 0.0, np.ones(4)))
+    assert shift.tolist() == [0]
+    assert (np.diff(radius) > 0).all()
+    expected = boundaries[: len(radius)].copy()
+    expected[7] = (expected[6] + expected[8]) / 2
+    npt.assert_allclose(radius, expected, atol=0.2)
+
+
+def test_a_group_without_votes_is_shifted_to_where_its_radii_fit() -> None:
+    point, along = line(*CUTS["end_grain_off"][:2])
+    ages, rings = drawn_rings(point, along, even(14.0))
+    late = rings.index > 20
+    split = RingPoints(
+        rings.points,
+        rings.tangents,
+        rings.ring,
+        rings.weight,
+        np.where(late, rings.index - rings.index[late].min() + 1, rings.index),
+        late.astype(np.int64),
+    )
+    radius, shift, _ = ring_radii(split, Pith(point, along, 0.0, np.ones(4)))
+    assert shift.tolist() == [ages.min() - 1, ages.min() - 1 + 20]
+    npt.assert_allclose(radius, even(14.0)[: len(radius)], atol=0.1)
+
+
+def test_radii_increase_even_where_the_rings_contradict_it() -> None:
+    point, along = line(*CUTS["end_grain"][:2])
+    _, rings = drawn_rings(point, along, even(14.0))
+    swapped = rings.index.copy()
+    swapped[[4, 5, 6]] = swapped[[6, 4, 5]]
+    order = np.argsort(swapped)
+    jumbled = RingPoints(
+        rings.points, rings.tangents, np.argsort(order)[rings.ring], rings.weight, swapped[order], rings.group
+    )
+    radius, _, width = ring_radii(jumbled, Pith(point, along, 0.0, np.ones(4)), smallest_share=0.2)
+    assert np.diff(radius).min() >= 0.2 * float(width) - 1e-9
+
+
+def test_inputs_are_not_modified() -> None:
+    point, along = line(*CUTS["end_grain"][:2])
+    _, rings = drawn_rings(point, along, even(25.0))
+    before = {name: value.copy() for name, value in vars(rings).items()}
+    pith = fit_pith(rings, 480.0)
+    ring_radii(rings, pith)
+    board_to_tree(pith)
+    for name, value in before.items():
+        npt.assert_array_equal(getattr(rings, name), value)

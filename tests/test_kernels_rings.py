@@ -1,0 +1,367 @@
+"""From phase to numbered rings: growth, traces, edges and order, on rings whose answer is known."""
+
+import itertools
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernel_scenes import Array, Image, conifer, noise, pixels, round_age, straight, wood, wrapped
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+
+from woodfit.boundary import edge_offsets, edge_strength
+from woodfit.curved_gabor import GaborField, Region, curved_gabor
+from woodfit.growth import Growth, find_growth, outward_flux
+from woodfit.matching import line_crossings
+from woodfit.ring_order import order_rings
+from woodfit.rings import Rings, find_rings
+from woodfit.streamlines import FloatArray
+from woodfit.structure_tensor import orientation
+from woodfit.synthetic_scenes import scene
+from woodfit.tracing import Trace, trace_rings
+
+#: An edge is found to this many px: the darkening before it pulls its steepest place outwards by about 0.1 px, and
+#: bilinear samples of the slope draw it towards the pixel rows.
+EDGE_PX = 0.45
+LIMITS = {"seed_confidence": 0.3, "floor_confidence": 0.1, "max_gap_rings": 1.5, "shortest_rings": 2.0}
+
+
+def trace(age: Array, confidence: Array | None = None, growth: Array | None = None) -> list[Trace]:
+    """Trace the boundaries of a known age."""
+    down, right = np.gradient(age)
+    return trace_rings(
+        wrapped(2 * np.pi * age),
+        np.arctan2(down, right) if growth is None else growth,
+        np.maximum(np.hypot(down, right), 1e-3),
+        np.ones(age.shape) if confidence is None else confidence,
+        wood(age.shape),
+        **LIMITS,
+    )
+
+
+def crossings(lines: list[Array]) -> list[tuple[int, int]]:
+    """Pairs of polylines of which two segments cross."""
+    start = np.concatenate([line[:-1] for line in lines])
+    end = np.concatenate([line[1:] for line in lines])
+    owner = np.concatenate([np.full(len(line) - 1, i) for i, line in enumerate(lines)])
+    reach = float(np.hypot(*(end - start).T).max())
+    pairs = cKDTree((start + end) / 2).query_pairs(reach + 1e-6, output_type="ndarray")
+    a, b = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]].T
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        return np.sign((q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0]))
+
+    cross = (side(start[a], end[a], start[b]) * side(start[a], end[a], end[b]) < 0) & (
+        side(start[b], end[b], start[a]) * side(start[b], end[b], end[a]) < 0
+    )
+    return sorted({(int(owner[i]), int(owner[j])) for i, j in zip(a[cross], b[cross], strict=True)})
+
+
+# --- traces -------------------------------------------------------------------------------------------------
+def test_concentric_rings_are_traced_as_closed_circles() -> None:
+    age, _ = round_age((241, 241), (120.3, 119.8), 15.0)
+    traces = trace(age)
+    radii = [np.hypot(t.points[:, 0] - 120.3, t.points[:, 1] - 119.8) for t in traces]
+    inner = {round(float(r.mean() / 15)): (t, r) for t, r in zip(traces, radii, strict=True) if r.mean() < 112}
+    assert sorted(inner) == [1, 2, 3, 4, 5, 6, 7]
+    for number, (found, radius) in inner.items():
+        assert found.closed
+        npt.assert_allclose(radius, 15.0 * number, atol=0.1)
+        assert np.hypot(*(found.points[0] - found.points[-1])) < 2.5
+        angles = np.sort(np.arctan2(found.points[:, 1] - 119.8, found.points[:, 0] - 120.3))
+        assert np.diff(angles).max() < 3.0 / (15.0 * number)
+    outer = [t for t, r in zip(traces, radii, strict=True) if r.mean() >= 121]
+    assert not any(t.closed for t in outer)
+    assert len(outer) >= 8
+
+
+@pytest.mark.parametrize("tangent", [0.0, 0.6, np.pi / 2, 2.5])
+def test_parallel_rings_are_traced_from_border_to_border(tangent: float) -> None:
+    shape, width = (150, 180), 12.0
+    age = straight(shape, width, tangent, 0.3)
+    traces = trace(age)
+    x, y = pixels(shape)
+    expected = set(range(int(np.ceil(age.min() + 1.2)), int(np.floor(age.max() - 1.2)) + 1))
+    found = []
+    for t in traces:
+        at = (-np.sin(tangent) * t.points[:, 0] + np.cos(tangent) * t.points[:, 1]) / width + 0.3
+        npt.assert_allclose(at, np.round(at.mean()), atol=0.05)
+        ends = t.points[[0, -1]]
+        to_border = np.minimum(ends, np.array([x.max(), y.max()]) - ends).min(axis=1)
+        assert to_border.max() < 1.6
+        assert not t.closed
+        found.append(round(float(at.mean())))
+    assert len(found) == len(set(found))
+    assert expected <= set(found)
+
+
+@pytest.mark.parametrize(("gap_px", "pieces"), [(10, 1), (14, 1), (40, 2)])
+def test_a_short_gap_is_bridged_and_a_long_one_ends_the_trace(gap_px: int, pieces: int) -> None:
+    shape = (60, 240)
+    confidence = np.ones(shape)
+    confidence[:, 120 : 120 + gap_px] = 0.0
+    traces = trace(straight(shape, 12.0, 0.0), confidence)
+    levels = [round(float(t.points[:, 1].mean() / 12)) for t in traces]
+    assert [levels.count(n) for n in (1, 2, 3, 4)] == [pieces] * 4
+    for t in traces:
+        blind = (t.points[:, 0] > 121) & (t.points[:, 0] < 119 + gap_px - 1)
+        assert (t.confidence[blind] == 0.0).all()
+        if pieces == 1:
+            npt.assert_allclose(t.points[:, 1], np.round(t.points[:, 1].mean() / 12) * 12, atol=0.5)
+    assert not crossings([t.points for t in traces])
+
+
+def test_no_trace_leaves_the_wood_or_starts_where_nothing_is_believed() -> None:
+    shape = (120, 120)
+    age = straight(shape, 12.0, 0.0)
+    valid = wood(shape)
+    valid[:, 70:] = False
+    down, right = np.gradient(age)
+    fields = (wrapped(2 * np.pi * age), np.arctan2(down, right), np.hypot(down, right))
+    traces = trace_rings(*fields, np.ones(shape), valid, **LIMITS)
+    assert len(traces) >= 9
+    assert max(t.points[:, 0].max() for t in traces) < 70
+    assert trace_rings(*fields, np.full(shape, 0.2), valid, **LIMITS) == []
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(0, 2**31), st.floats(0.0, 0.9), st.floats(8.0, 16.0))
+def test_traces_never_cross(seed: int, disorder: float, width: float) -> None:
+    rng = np.random.default_rng(seed)
+    shape = (130, 140)
+    bend = gaussian_filter(rng.normal(0.0, 1.0, shape), 14.0)
+    age = straight(shape, width, float(rng.uniform(0, np.pi))) + 0.5 * bend / np.abs(bend).max()
+    down, right = np.gradient(age)
+    shaken = gaussian_filter(rng.normal(0.0, 1.0, shape), 2.0)
+    traces = trace_rings(
+        wrapped(2 * np.pi * age + disorder * np.pi * shaken / np.abs(shaken).max()),
+        np.arctan2(down, right) + 0.3 * gaussian_filter(rng.normal(0.0, 1.0, shape), 3.0),
+        np.full(shape, 1 / width),
+        np.clip(rng.uniform(0.2, 1.0) + gaussian_filter(rng.normal(0.0, 3.0, shape), 5.0), 0.0, 1.0),
+        wood(shape),
+        **LIMITS,
+    )
+    if len(traces) > 1:
+        assert crossings([t.points for t in traces]) == []
+
+
+# --- edges --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("fraction", [0.0, 0.25, 0.5, 0.75])
+@pytest.mark.parametrize(("slope", "off", "centre"), [(0.0, 0.0, 0.0), (0.12, 2.5, 2.0), (-0.3, -2.7, -2.4)])
+def test_a_step_is_found_to_a_fraction_of_a_pixel(slope: float, off: float, centre: float, fraction: float) -> None:
+    shape, width, fine = (100, 140), 20.0, 8
+    x = np.arange(140.0)
+    y = (np.arange(100 * fine) + 0.5) / fine - 0.5
+    at = 50.0 + fraction + slope * (x - 70)
+    lean = np.hypot(1.0, slope)
+    age = (y[:, None] - at) / (width * lean)
+    value = (0.8 - 0.4 * np.mod(age, 1.0) ** 2).reshape(100, fine, 140).mean(axis=1).astype(np.float32)
+    across = np.arctan2(1.0, -slope)
+    direction = np.full(shape, across)
+    strength = edge_strength(value + noise(shape, 0.01), wood(shape), direction - np.pi / 2, direction, width)
+    unit = np.array([np.cos(across), np.sin(across)])
+    points = np.stack([x, at], axis=1)[10:-10] - off * unit
+    angles, widths = np.full(120, across), np.full(120, width)
+    offset, contrast = edge_offsets(strength, points, angles, widths, centre / width, 0.08, closed=False)
+    assert abs(float(np.median(offset)) - off) < EDGE_PX
+    assert np.abs(offset - off)[5:-5].max() < 2 * EDGE_PX
+    assert np.median(contrast) > 1.0
+
+
+def test_the_edge_of_a_closed_ring_has_no_seam() -> None:
+    shape = (140, 140)
+    age, outwards = round_age(shape, (70.0, 70.0), 20.0)
+    strength = edge_strength(conifer(age), wood(shape), outwards + np.pi / 2, outwards, 20.0)
+    turn = np.linspace(0, 2 * np.pi, 240, endpoint=False)
+    points = 70.0 + 37.5 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    offset, _ = edge_offsets(strength, points, turn, np.full(240, 20.0), 0.0, 0.16, closed=True)
+    npt.assert_allclose(offset, 2.5, atol=0.3)
+    rolled, _ = edge_offsets(
+        strength, np.roll(points, 60, axis=0), np.roll(turn, 60), np.full(240, 20.0), 0.0, 0.16, closed=True
+    )
+    npt.assert_allclose(np.roll(rolled, -60), offset, atol=0.02)
+
+
+# --- order --------------------------------------------------------------------------------------------------
+def parallel_lines(numbers: list[int], width: float = 15.0, length: int = 200) -> list[Array]:
+    x = np.arange(0.0, length)
+    return [np.stack([x, np.full(length, width * n)], axis=1) for n in numbers]
+
+
+def order_of(
+    lines: list[Array], shape: tuple[int, int] = (160, 200), width: float = 15.0
+) -> tuple[list[int], list[int]]:
+    growth, frequency = np.full(shape, np.pi / 2), np.full(shape, 1 / width)
+    order = order_rings(lines, [False] * len(lines), growth, frequency, wood(shape))
+    assert ((order.agreement >= 0.0) & (order.agreement <= 1.0)).all()
+    return order.index.tolist(), order.group.tolist()
+
+
+def test_neighbours_get_consecutive_indices_whatever_their_order() -> None:
+    numbers = [4, 1, 9, 2, 3, 8, 5, 7, 6]
+    index, group = order_of(parallel_lines(numbers))
+    assert index == numbers
+    assert set(group) == {0}
+
+
+def test_a_missing_ring_leaves_its_index_free() -> None:
+    numbers = [1, 2, 3, 5, 6, 9]
+    index, group = order_of(parallel_lines(numbers))
+    assert index == numbers
+    assert set(group) == {0}
+
+
+def test_the_pieces_of_a_broken_ring_share_their_index() -> None:
+    lines = parallel_lines([1, 2, 3, 4])
+    broken = [lines[0], lines[1], lines[2][:80], lines[2][130:], lines[3]]
+    index, group = order_of(broken)
+    assert index == [1, 2, 3, 3, 4]
+    assert set(group) == {0}
+
+
+def test_a_gap_in_one_place_is_bridged_by_another() -> None:
+    lines = parallel_lines([1, 2, 3, 4, 5, 6])
+    holed = [lines[0], lines[1][:90], lines[2][:70], lines[3][:110], lines[4], lines[5]]
+    index, _ = order_of(holed)
+    assert index == [1, 2, 3, 4, 5, 6]
+
+
+def test_rings_are_numbered_through_the_pith() -> None:
+    shape = (200, 200)
+    age, outwards = round_age(shape, (100.0, 100.0), 18.0)
+    turn = np.linspace(0, 2 * np.pi, 300)
+    lines = [100.0 + 18.0 * n * np.stack([np.cos(turn), np.sin(turn)], axis=1) for n in range(1, 6)]
+    halves = [half for line in lines for half in (line[:120], line[150:270])]
+    order = order_rings(halves, [False] * 10, outwards, np.full(shape, 1 / 18.0), wood(shape))
+    assert order.index.tolist() == [1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+    whole = order_rings(lines, [True] * 5, outwards, np.full(shape, 1 / 18.0), wood(shape))
+    assert whole.index.tolist() == [1, 2, 3, 4, 5]
+    assert whole.agreement.min() > 0.9
+    assert age.max() > 5
+
+
+def test_nothing_and_a_single_ring_are_ordered_too() -> None:
+    assert order_of([]) == ([], [])
+    assert order_of(parallel_lines([3])) == ([1], [0])
+
+
+# --- growth -------------------------------------------------------------------------------------------------
+def field_of(value: Image, scale: float) -> tuple[GaborField, FloatArray]:
+    angle, _ = orientation(value, wood(value.shape), 1.0, 0.5 * scale)
+    return curved_gabor(value, wood(value.shape), angle, scale, Region(40, 40, 13.0), 5.0, 60.0), angle
+
+
+def growth_of(value: Image, scale: float, bright_outwards: bool | None = None) -> Growth:
+    field, _ = field_of(value, scale)
+    return find_growth(
+        field.normal, field.asymmetry, field.explained, wood(value.shape), scale, bright_outwards=bright_outwards
+    )
+
+
+@pytest.mark.parametrize("polarity", [1.0, -1.0])
+@pytest.mark.parametrize("center", [(110.0, 90.0), (-40.0, 100.0), (100.0, -120.0)])
+def test_growth_points_away_from_the_pith_for_both_kinds_of_wood(polarity: float, center: tuple[float, float]) -> None:
+    shape = (200, 220)
+    age, outwards = round_age(shape, center, 14.0)
+    growth = growth_of(conifer(polarity * age) + noise(shape, 0.02), 14.0)
+    assert growth.bright_outwards == (polarity > 0)
+    right = np.cos(growth.direction - outwards) > 0.7
+    assert right[age > 2].mean() > 0.98
+    assert growth.flux > 0.0
+    assert 0.5 <= growth.sureness <= 1.0
+
+
+def test_straight_rings_grow_as_those_of_conifers_unless_told_otherwise() -> None:
+    shape = (160, 180)
+    value = conifer(straight(shape, 14.0, 0.3)) + noise(shape, 0.02)
+    upwards = 0.3 + np.pi / 2
+    assert (np.cos(growth_of(value, 14.0).direction - upwards) > 0.9).mean() > 0.98
+    told = growth_of(value, 14.0, bright_outwards=False)
+    assert (np.cos(told.direction - upwards) < -0.9).mean() > 0.98
+    assert told.sureness == 1.0
+    assert not told.bright_outwards
+
+
+def test_both_sides_of_a_flat_sawn_board_grow_away_from_its_middle() -> None:
+    shape = (200, 240)
+    x, _ = pixels(shape)
+    distance = np.hypot(x - 110.0, 40.0)
+    growth = growth_of(conifer(distance / 13.0) + noise(shape, 0.02), 13.0)
+    side = np.abs(x - 110) > 40
+    assert (np.sign(np.cos(growth.direction)) == np.sign(x - 110))[side].mean() > 0.98
+    assert growth.bright_outwards
+
+
+def test_flux_is_the_sign_of_the_spread() -> None:
+    shape = (160, 160)
+    _, outwards = round_age(shape, (80.0, 80.0), 10.0)
+    assert outward_flux(outwards, np.ones(shape), 10.0) > 0.5
+    assert outward_flux(outwards + np.pi, np.ones(shape), 10.0) < -0.5
+    assert abs(outward_flux(np.full(shape, 0.4), np.ones(shape), 10.0)) < 1e-5
+
+
+# --- all together -------------------------------------------------------------------------------------------
+def rings_of(value: Image, scale: float) -> Rings:
+    field, _ = field_of(value, scale)
+    return find_rings(
+        value,
+        wood(value.shape),
+        field.response,
+        field.explained,
+        field.normal,
+        field.asymmetry,
+        field.frequency,
+        field.orientation,
+        scale,
+    )
+
+
+def test_drawn_rings_are_found_on_their_edges_with_their_numbers() -> None:
+    shape = (200, 260)
+    age, outwards = round_age(shape, (-60.0, 100.0), 16.0)
+    rings = rings_of(conifer(age) + noise(shape, 0.02), 16.0)
+    assert set(rings.order.group) == {0}
+    shift = set()
+    for t, index in zip(rings.traces, rings.order.index, strict=True):
+        at = np.hypot(t.points[:, 0] + 60.0, t.points[:, 1] - 100.0) / 16.0
+        assert np.abs(at - np.round(np.median(at))).max() < 0.2
+        shift.add(round(float(np.median(at))) - int(index))
+    assert len(shift) == 1
+    across = line_crossings([t.points for t in rings.traces], [0.0, 100.0], [259.0, 100.0])
+    npt.assert_allclose(across, np.arange(4, 20) * 16.0 - 60.0, atol=0.6)
+    assert np.percentile(np.abs(wrapped(rings.phase - 2 * np.pi * age)), 95) < np.pi / 4
+    assert (np.cos(rings.growth.direction - outwards) > 0.9).mean() > 0.99
+
+
+@pytest.mark.parametrize("name", ["flat_sawn", "end_grain_pith", "ring_porous"])
+def test_rings_of_a_log_never_cross(name: str) -> None:
+    value = (scene(name, (300, 320), 5).face.rgb_encoded.max(axis=-1) / 255.0).astype(np.float32)
+    rings = rings_of(value, 18.0)
+    assert len(rings.traces) > 3
+    assert crossings([t.points for t in rings.traces]) == []
+
+
+def test_inputs_are_not_modified() -> None:
+    shape = (90, 90)
+    value = conifer(straight(shape, 12.0, 0.2))
+    field, angle = field_of(value, 12.0)
+    fields = [
+        value,
+        wood(shape),
+        field.response,
+        field.explained,
+        field.normal,
+        field.asymmetry,
+        field.frequency,
+        angle,
+    ]
+    before = [a.copy() for a in fields]
+    rings = find_rings(*fields, 12.0)
+    lines = [t.points.copy() for t in rings.traces]
+    order_rings([t.points for t in rings.traces], [False] * len(lines), angle, field.frequency, wood(shape))
+    for now, then in itertools.chain(
+        zip(fields, before, strict=True), zip([t.points for t in rings.traces], lines, strict=True)
+    ):
+        npt.assert_array_equal(now, then)

@@ -1,0 +1,119 @@
+"""From encoded pixels to what the stages need: linear color, grey value, wood mask, analysis resolution."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float32]
+
+#: Ring width in analysed pixels that serves well: wide enough for narrow rings beside it, small enough to be fast.
+_WIDE_RING_PX, _USUAL_RING_PX = 64.0, 20.0
+_SMALL_SCAN_PX = 1_000_000
+
+
+def srgb_decode(encoded: npt.NDArray[Any]) -> FloatArray:
+    """Linear value 0..1 of sRGB-encoded pixels: uint8, uint16, or floats in 0..1."""
+    array = np.asarray(encoded)
+    if array.dtype.kind == "u":
+        top = np.iinfo(array.dtype).max
+        return _curve(np.arange(top + 1, dtype=np.float64) / top)[array]
+    return _curve(array.astype(np.float64))
+
+
+def _curve(value: npt.NDArray[Any]) -> FloatArray:
+    linear = np.where(value <= 0.04045, value / 12.92, ((np.maximum(value, 0.04045) + 0.055) / 1.055) ** 2.4)
+    return np.asarray(linear, dtype=np.float32)
+
+
+def srgb_encode(linear: npt.NDArray[Any]) -> FloatArray:
+    """sRGB-encoded value 0..1 of linear values, clipped to 0..1."""
+    value = np.clip(linear, 0.0, 1.0)
+    encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * np.maximum(value, 0.0031308) ** (1 / 2.4) - 0.055)
+    return np.asarray(encoded, dtype=np.float32)
+
+
+def grey_value(encoded: npt.NDArray[Any]) -> FloatArray:
+    """HSV value, 0..1, of encoded pixels of shape (..., 3)."""
+    return np.asarray(encoded.max(axis=-1), dtype=np.float32) / np.float32(np.iinfo(encoded.dtype).max)
+
+
+def develop(
+    encoded: npt.NDArray[Any], opaque: npt.NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Linear color, grey value and opacity of encoded pixels (..., 3)."""
+    return srgb_decode(encoded), grey_value(encoded), np.asarray(opaque)
+
+
+def reduction_for(shape: tuple[int, int], ring_width_px: float) -> int:
+    """Scan pixels per analysed pixel along each axis.
+
+    Small scans keep their pixels unless their rings are wider than the curved region serves; large ones are reduced
+    until a typical ring is some twenty pixels wide.
+    """
+    if shape[0] * shape[1] <= _SMALL_SCAN_PX:
+        return 1 if ring_width_px <= _WIDE_RING_PX else max(1, int(ring_width_px / 32.0))
+    return max(1, int(ring_width_px / _USUAL_RING_PX))
+
+
+def wood_mask(
+    encoded: npt.NDArray[Any], opaque: npt.NDArray[np.bool_], white: float, black: float
+) -> npt.NDArray[np.bool_]:
+    """Where there is wood rather than background, on an overview of a scan.
+
+    Background is what is colorless and nearly white, or nearly black, and reaches the edge of the scan; small islands
+    of it inside the wood (cracks, filler) stay wood here and are left to the confidence of the phase.
+
+    Parameters
+    ----------
+    encoded : unsigned array of shape (M, N, 3)
+        Encoded pixels.
+    opaque : bool array of shape (M, N)
+        Alpha.
+    white, black : float
+        Encoded values beyond which an area may be background.
+
+    Returns
+    -------
+    bool array of shape (M, N)
+    """
+    pixels = encoded.astype(np.float32) / np.iinfo(encoded.dtype).max
+    brightest, darkest = pixels.max(axis=-1), pixels.min(axis=-1)
+    colorless = brightest - darkest < 0.10 * np.maximum(brightest, 0.1)
+    candidates = [(darkest > white) & colorless, brightest < black, ~opaque]
+    background = np.zeros(opaque.shape, bool)
+    for candidate in candidates:
+        closed = cv2.morphologyEx(candidate.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
+        left, top = stats[:, cv2.CC_STAT_LEFT], stats[:, cv2.CC_STAT_TOP]
+        right, bottom = left + stats[:, cv2.CC_STAT_WIDTH], top + stats[:, cv2.CC_STAT_HEIGHT]
+        edge = (left == 0) | (top == 0) | (right == opaque.shape[1]) | (bottom == opaque.shape[0])
+        large = stats[:, cv2.CC_STAT_AREA] > 1e-3 * opaque.size
+        chosen = edge & large
+        chosen[0] = False
+        background |= chosen[labels]
+    if not background.any():
+        return np.ones(opaque.shape, bool)
+    # The rim of the background is blurred wood.
+    return np.asarray(cv2.dilate(background.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
+
+
+def mask_window(
+    mask: npt.NDArray[np.bool_], mask_step: int, row: int, col: int, shape: tuple[int, int]
+) -> npt.NDArray[np.bool_]:
+    """Part of an overview mask, brought to the scan's own pixels."""
+    rows = np.minimum((row + np.arange(shape[0])) // mask_step, mask.shape[0] - 1)
+    cols = np.minimum((col + np.arange(shape[1])) // mask_step, mask.shape[1] - 1)
+    return np.asarray(mask[rows[:, None], cols[None, :]])
+
+
+def mask_at(
+    mask: npt.NDArray[np.bool_], mask_step: int, step: int, shape: tuple[int, ...]
+) -> npt.NDArray[np.bool_]:
+    """An overview mask at the analysis resolution (`step` scan px per element), array of `shape`."""
+    rows = np.minimum((np.arange(shape[0]) * step + step // 2) // mask_step, mask.shape[0] - 1)
+    cols = np.minimum((np.arange(shape[1]) * step + step // 2) // mask_step, mask.shape[1] - 1)
+    return np.asarray(mask[rows[:, None], cols[None, :]])
