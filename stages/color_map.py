@@ -20,7 +20,6 @@ from stages.variables import (
     STRIP_SUPPORT,
     VALID,
 )
-from woodfit import color_strip
 
 
 class ColorMapParams(Params):
@@ -38,6 +37,8 @@ class ColorMapParams(Params):
 )
 def color_map(ds: xr.Dataset, params: ColorMapParams) -> xr.Dataset:
     """Fit the color of every ring at every fraction of its growth."""
+    from woodfit import color_strip
+
     age = ds[FACE_AGE.name].values
     rgb = ds[RGB.name].values
     weight = np.maximum(ds[PHASE_CONFIDENCE.name].values, 0.05) * ds[VALID.name].values

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import xarray as xr
 from pydantic import Field, PositiveFloat, PositiveInt
@@ -23,7 +25,9 @@ from stages.variables import (
     VALID,
     VALUE,
 )
-from woodfit import curved_gabor as gabor
+
+if TYPE_CHECKING:
+    from woodfit.curved_gabor import Region
 
 
 class CurvedGaborParams(Params):
@@ -48,11 +52,15 @@ class CurvedGaborParams(Params):
     """Widest ring looked for, in characteristic ring widths (never over two regions)."""
 
 
-def _region(params: CurvedGaborParams) -> gabor.Region:
-    return gabor.Region(params.p, params.q, params.sigma_along, params.cycles)
+def _region(params: CurvedGaborParams) -> Region:
+    from woodfit.curved_gabor import Region
+
+    return Region(params.p, params.q, params.sigma_along, params.cycles)
 
 
 def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
+    from woodfit import curved_gabor as gabor
+
     return gabor.halo(scalar(ds, RING_SCALE) / scalar(ds, REDUCTION), _region(params))
 
 
@@ -75,6 +83,8 @@ def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
 )
 def curved_gabor(ds: xr.Dataset, params: CurvedGaborParams) -> xr.Dataset:
     """Filter along and across the rings for their phase, frequency, curvature and orientation."""
+    from woodfit import curved_gabor as gabor
+
     step = scalar(ds, REDUCTION)
     ring = scalar(ds, RING_SCALE) / step
     field = gabor.curved_gabor(

@@ -23,7 +23,6 @@ from stages.variables import (
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
-from woodfit import displacement, face
 
 
 class InitialDistortionParams(Params):
@@ -62,6 +61,8 @@ class InitialDistortionParams(Params):
 )
 def initial_distortion(ds: xr.Dataset, params: InitialDistortionParams) -> xr.Dataset:
     """Carry the difference between traced and ideal rings from the face into the tree's coordinates."""
+    from woodfit import displacement, face
+
     ring = scalar(ds, RING_SCALE)
     matrix = ds[BOARD_TO_TREE.name].values
     grid = face.grid_of_face(

@@ -7,7 +7,6 @@ from pydantic import PositiveFloat
 
 from stages.stage import Params, like_image, scalar, stage
 from stages.variables import COHERENCE, ORIENTATION, REDUCTION, RING_SCALE, VALID, VALUE
-from woodfit import structure_tensor
 
 
 class OrientationParams(Params):
@@ -27,6 +26,8 @@ def _sigmas(ds: xr.Dataset, params: OrientationParams) -> tuple[float, float]:
 
 
 def _halo(ds: xr.Dataset, params: OrientationParams) -> int:
+    from woodfit import structure_tensor
+
     return structure_tensor.halo(*_sigmas(ds, params))
 
 
@@ -39,6 +40,8 @@ def _halo(ds: xr.Dataset, params: OrientationParams) -> int:
 )
 def orientation(ds: xr.Dataset, params: OrientationParams) -> xr.Dataset:
     """Estimate the ring tangent and its coherence by the structure tensor."""
+    from woodfit import structure_tensor
+
     angle, coherence = structure_tensor.orientation(
         ds[VALUE.name].values, ds[VALID.name].values, *_sigmas(ds, params)
     )

@@ -27,8 +27,6 @@ from stages.variables import (
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
-from woodfit import cylinder_grid, displacement, face
-from woodfit.rings import wrap
 
 
 class PhasePolishingParams(Params):
@@ -69,10 +67,12 @@ class PhasePolishingParams(Params):
 )
 def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
     """Minimise the cyclic phase difference between the face and the model over the displacement."""
+    from woodfit import cylinder_grid, displacement, face
+    from woodfit.rings import wrap
+
     start = ds[DISPLACEMENT.name]
-    grid = cylinder_grid.CylinderGrid(
-        *(start.coords[name].values for name in ("radius", "azimuth", "height")), bool(ds[AZIMUTH_WRAPS.name])
-    )
+    radius, azimuth, height = (start.coords[name].values for name in ("radius", "azimuth", "height"))
+    grid = cylinder_grid.CylinderGrid(radius, azimuth, height, bool(ds[AZIMUTH_WRAPS.name]))
     x, y, matrix = ds.coords["x"].values, ds.coords["y"].values, ds[BOARD_TO_TREE.name].values
     table = ds[RING_RADIUS.name].values
     phase, belief = ds[RING_PHASE.name].values, ds[PHASE_CONFIDENCE.name].values

@@ -25,7 +25,6 @@ from stages.variables import (
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
-from woodfit import pith
 
 
 class PoseParams(Params):
@@ -70,6 +69,8 @@ class PoseParams(Params):
 )
 def pose(ds: xr.Dataset, params: PoseParams) -> xr.Dataset:
     """Fit the pith line that makes the traced rings round and their widths regular."""
+    from woodfit import pith
+
     lines, belief = polylines_of(ds)
     rings = pith.sample_rings(lines, belief, ds[RING_INDEX.name].values, ds[RING_GROUP.name].values)
     x, y = ds.coords["x"].values, ds.coords["y"].values

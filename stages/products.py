@@ -91,9 +91,8 @@ def write_rings(ds: xr.Dataset, path: Path, context: Any) -> None:
 def solid_texture_of(ds: xr.Dataset) -> SolidTexture:
     """Solid texture from the results of all stages."""
     field = ds[POLISHED_DISPLACEMENT.name]
-    grid = CylinderGrid(
-        *(field.coords[name].values for name in ("radius", "azimuth", "height")), bool(ds[AZIMUTH_WRAPS.name])
-    )
+    radius, azimuth, height = (field.coords[name].values for name in ("radius", "azimuth", "height"))
+    grid = CylinderGrid(radius, azimuth, height, bool(ds[AZIMUTH_WRAPS.name]))
     size = scalar(ds, PIXEL_SIZE)
     return SolidTexture(
         board_to_tree=ds[BOARD_TO_TREE.name].values,

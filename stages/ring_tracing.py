@@ -33,7 +33,6 @@ from stages.variables import (
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
-from woodfit import rings
 
 
 class RingTracingParams(Params):
@@ -89,6 +88,8 @@ class RingTracingParams(Params):
 )
 def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
     """Trace the ring boundaries, move them onto their edges and number them outwards."""
+    from woodfit import rings
+
     step = scalar(ds, REDUCTION)
     found = rings.find_rings(
         ds[VALUE.name].values,

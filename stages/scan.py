@@ -20,7 +20,6 @@ from stages.variables import (
     VALID,
     VALUE,
 )
-from woodfit import photograph, ring_scale
 
 
 class ScanParams(Params):
@@ -50,6 +49,8 @@ class ScanParams(Params):
 )
 def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     """Decode the photograph, mask what is not wood and find how wide its rings are."""
+    from woodfit import photograph, ring_scale
+
     encoded, opaque = ds[ENCODED.name], ds[OPAQUE.name]
     height, width = opaque.shape
     overview_step = max(1, -(-max(height, width) // 1200))
@@ -111,4 +112,4 @@ def _coarsen(array: xr.DataArray, step: int) -> xr.DataArray:
     """Mean over blocks; the coordinates become the blocks' centres in scan px."""
     if step == 1:
         return array
-    return array.astype(np.float32).coarsen(y=step, x=step, boundary="trim").mean()  # type: ignore[attr-defined,no-any-return]
+    return array.astype(np.float32).coarsen(y=step, x=step, boundary="trim").mean()

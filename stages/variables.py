@@ -39,7 +39,11 @@ EXPLAINED = Variable(
     "explained", ("y", "x"), "f", "1", "Share of the local variance across the rings that the response explains, 0..1."
 )
 NORMAL = Variable(
-    "normal", ("y", "x"), "f", "rad", "Direction across the rings towards the bright side of their abrupt edge, -pi..pi."
+    "normal",
+    ("y", "x"),
+    "f",
+    "rad",
+    "Direction across the rings towards the bright side of their abrupt edge, -pi..pi.",
 )
 ASYMMETRY = Variable(
     "asymmetry", ("y", "x"), "f", "1", "How surely the abrupt edge tells the two directions of `normal` apart, 0..1."
@@ -58,7 +62,11 @@ VERTEX_COUNT = Variable("vertex_count", ("ring",), "iu", "1", "Vertices of each 
 RING_INDEX = Variable("ring_index", ("ring",), "iu", "1", "Consecutive index of the ring boundary, growing outwards.")
 RING_CONFIDENCE = Variable("ring_confidence", ("ring",), "f", "1", "Confidence of each polyline, 0..1.")
 RING_GROUP = Variable(
-    "ring_group", ("ring",), "iu", "1", "Polylines of one group are tied by counting; between groups the index is a guess."
+    "ring_group",
+    ("ring",),
+    "iu",
+    "1",
+    "Polylines of one group are tied by counting; between groups the index is a guess.",
 )
 RING_CLOSED = Variable("ring_closed", ("ring",), "b", "1", "True where the polyline returns to its start.")
 RING_PHASE = Variable(
@@ -81,7 +89,11 @@ BOARD_TO_TREE = Variable(
     "board_to_tree", ("tree_axis", "board_axis"), "f", "1", "Rigid 4x4 transform, px to px, pith along tree z."
 )
 RING_AGE_SHIFT = Variable(
-    "ring_age_shift", ("group",), "iu", "1", "What to add to a group's ring indices to get the ring age of its boundaries."
+    "ring_age_shift",
+    ("group",),
+    "iu",
+    "1",
+    "What to add to a group's ring indices to get the ring age of its boundaries.",
 )
 RING_RADIUS = Variable(
     "ring_radius", ("boundary",), "f", "px", "Ideal radius of each ring boundary, increasing; its age is `boundary`."

@@ -26,8 +26,9 @@ from woodfit.curved_gabor import GaborField, Region, curvature, curved_gabor, gr
 from woodfit.structure_tensor import orientation
 from woodfit.synthetic_scenes import scene
 
-REGION = Region(p=40, q=30, sigma_along_px=10.0)
+REGION = Region(p=40, q=16, sigma_along_px=6.0)
 SMALL = Region(p=20, q=20, sigma_along_px=8.0)
+TILED = Region(p=18, q=18, sigma_along_px=7.0)
 FORMS = {"fast": lambda *args: respond(*args)[0], "literal": patch_gabor.respond}
 CENTERS = {"inside": (60.0, 55.0), "outside": (-70.0, 40.0)}
 
@@ -233,9 +234,9 @@ def test_grey_scale_and_mirror_do_not_change_what_is_found() -> None:
 
 
 # --- tiles --------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("row", "col"), [(448, 384), (0, 448), (704, 704)])
+@pytest.mark.parametrize(("row", "col"), [(320, 256), (0, 320), (640, 640)])
 def test_a_tile_with_its_halo_equals_the_whole(row: int, col: int) -> None:
-    side, tile, scale, region = 832, 128, 14.0, Region(p=24, q=24, sigma_along_px=9.0)
+    side, tile, scale, region = 704, 64, 10.0, TILED
     value = whole_board(side)
     whole = whole_field(side)
     margin = -(-halo(scale, region) // 64) * 64
@@ -263,14 +264,14 @@ def whole_board(side: int) -> Image:
 
 def whole_field(side: int) -> GaborField:
     if side not in KEPT:
-        KEPT[side] = field_in_part(whole_board(side), 14.0, Region(p=24, q=24, sigma_along_px=9.0), (0, 0))
+        KEPT[side] = field_in_part(whole_board(side), 10.0, TILED, (0, 0))
     return KEPT[side]
 
 
 def field_in_part(value: Image, scale: float, region: Region, origin: tuple[int, int]) -> GaborField:
     """The filter with the orientation of the whole board, so that only its own halo is tested."""
     rows, cols = (slice(o, o + n) for o, n in zip(origin, value.shape, strict=True))
-    angle = orientation(whole_board(832), wood((832, 832)), 1.0, 7.0)[0][rows, cols]
+    angle = orientation(whole_board(704), wood((704, 704)), 1.0, 7.0)[0][rows, cols]
     return curved_gabor(value, wood(value.shape), np.ascontiguousarray(angle), scale, region, 5.0, 48.0)
 
 

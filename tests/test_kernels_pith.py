@@ -7,10 +7,12 @@ from kernel_scenes import Array
 from skimage.measure import find_contours
 
 from woodfit.pith import (
+    Face,
+    Fixed,
     Pith,
     RingPoints,
     board_to_tree,
-    board_to_tree_at,
+    describe,
     fit_pith,
     frame_of,
     radii,
@@ -143,17 +145,61 @@ def test_the_tree_frame_is_rigid_and_has_the_pith_as_its_axis(cut: str) -> None:
     point, along = line(*CUTS[cut][:2])
     pith = Pith(point, along, 0.0, np.ones(4))
     points = np.random.default_rng(0).uniform(0, 400, (50, 3))
-    for matrix in (board_to_tree(pith), board_to_tree_at(pith, CENTER)):
-        rotation = matrix[:3, :3]
-        npt.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(rotation) == pytest.approx(1.0)
-        npt.assert_allclose(matrix[3], [0, 0, 0, 1])
-        tree = points @ rotation.T + matrix[:3, 3]
-        npt.assert_allclose(np.hypot(tree[:, 0], tree[:, 1]), radii(points, point, along), atol=1e-9)
-        npt.assert_allclose(tree[1:, 2] - tree[0, 2], (points[1:] - points[0]) @ along, atol=1e-9)
-    x, y, z = (board_to_tree_at(pith, CENTER) @ [*CENTER, 1.0])[:3]
+    matrix = board_to_tree(pith, CENTER)
+    rotation = matrix[:3, :3]
+    npt.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    npt.assert_allclose(matrix[3], [0, 0, 0, 1])
+    tree = points @ rotation.T + matrix[:3, 3]
+    npt.assert_allclose(np.hypot(tree[:, 0], tree[:, 1]), radii(points, point, along), atol=1e-9)
+    npt.assert_allclose(tree[1:, 2] - tree[0, 2], (points[1:] - points[0]) @ along, atol=1e-9)
+    x, y, z = (matrix @ [*CENTER, 1.0])[:3]
     npt.assert_allclose([y, z], 0.0, atol=1e-9)
     assert x > 0
+
+
+def test_a_pith_through_the_centre_of_the_face_has_a_frame_too() -> None:
+    matrix = board_to_tree(Pith(CENTER, np.array([0.0, 0.0, 1.0]), 0.0, np.ones(4)), CENTER)
+    npt.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-12)
+    npt.assert_allclose(matrix @ [*CENTER, 1.0], [0, 0, 0, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("cut", "named"),
+    [
+        ("end_grain", "end grain with the pith in the picture"),
+        ("end_grain_off", "end grain beside the pith"),
+        ("flat_sawn", "flat-sawn"),
+        ("cathedral", "cathedral"),
+    ],
+)
+def test_the_cut_is_named_by_where_the_pith_lies(cut: str, named: str) -> None:
+    point, along = line(*CUTS[cut][:2])
+    story = describe(Pith(point, along, 0.0, np.full(4, 0.01)), Face(0.0, 0.0, 479.0, 399.0), 14.0)
+    assert named in str(story.figures["cut"])
+    behind = [w for w in story.warnings if "pith_side" in w]
+    assert len(behind) == (0 if cut.startswith("end_grain") else 1)
+
+
+def test_what_the_face_does_not_tell_is_said() -> None:
+    point, along = line(*CUTS["flat_sawn"][:2])
+    open_pose = Pith(point, along, 0.0, np.array([0.5, 0.01, 400.0, 1.0]))
+    warnings = describe(open_pose, Face(0.0, 0.0, 479.0, 399.0), 14.0).warnings
+    assert any("direction is hardly determined" in w for w in warnings)
+    assert any("distance is hardly determined" in w for w in warnings)
+
+
+def test_what_the_user_knows_overrules_the_fit() -> None:
+    point, along = line(*CUTS["cathedral"][:2])
+    kept, same = Fixed((None, None, None), None, None).overrule(point, along)
+    npt.assert_array_equal(kept, point)
+    npt.assert_array_equal(same, along)
+    moved, turned = Fixed((None, None, 77.0), 90.0, 30.0).overrule(point, along)
+    npt.assert_allclose(moved, [*point[:2], 77.0])
+    npt.assert_allclose(turned, [np.cos(np.pi / 6), 0.5, 0.0], atol=1e-12)
+    _, tilted = Fixed((None, None, None), 10.0, None).overrule(point, along)
+    assert np.degrees(np.arccos(tilted[2])) == pytest.approx(10.0)
+    assert np.arctan2(tilted[1], tilted[0]) == pytest.approx(np.arctan2(along[1], along[0]))
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.2, -0.3)])
@@ -236,6 +282,6 @@ def test_inputs_are_not_modified() -> None:
     before = {name: value.copy() for name, value in vars(rings).items()}
     pith = fit_pith(rings, 480.0)
     ring_radii(rings, pith)
-    board_to_tree(pith)
+    board_to_tree(pith, CENTER)
     for name, value in before.items():
         npt.assert_array_equal(getattr(rings, name), value)

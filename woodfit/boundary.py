@@ -23,6 +23,7 @@ def edge_strength(
     orientation: npt.NDArray[Any],
     edge_direction: npt.NDArray[Any],
     ring_scale_px: float,
+    dotted: bool = False,
 ) -> FloatArray:
     """Brightening per pixel along `edge_direction`, smoothed a little along the rings.
 
@@ -36,16 +37,18 @@ def edge_strength(
         Direction in rad across the rings towards the bright side of the abrupt edge.
     ring_scale_px : float
         Characteristic ring width in pixels.
+    dotted : bool
+        True for wood whose boundaries are rows of vessels: it is smoothed farther along the rings.
 
     Returns
     -------
     float32 array of shape (M, N)
         Positive at the edges sought, negative where the ring darkens.
     """
-    along = float(np.clip(0.25 * ring_scale_px, 1.5, 6.0))
+    along = float(np.clip(1.6 * ring_scale_px, 6.0, 24.0) if dotted else np.clip(0.25 * ring_scale_px, 1.5, 6.0))
     smooth, _ = smooth_along(value, valid, orientation, int(3 * along), along)
     sigma = float(np.clip(0.04 * ring_scale_px, 0.6, 2.0))
-    smooth = cv2.GaussianBlur(smooth, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101)
+    smooth = np.asarray(cv2.GaussianBlur(smooth, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101), np.float32)
     gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0) / 32.0
     gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1) / 32.0
     return np.asarray(gx * np.cos(edge_direction) + gy * np.sin(edge_direction), dtype=np.float32)
@@ -89,13 +92,7 @@ def edge_offsets(
     offsets = relative[None, :] * np.asarray(ring_width_px)[:, None]
     xs = points[:, 0:1] + offsets * np.cos(direction_rad)[:, None]
     ys = points[:, 1:2] + offsets * np.sin(direction_rad)[:, None]
-    profile = cv2.remap(
-        strength,
-        xs.astype(np.float32),
-        ys.astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    ).astype(np.float64)
+    profile = sample_image(strength, xs, ys, cv2.INTER_CUBIC)
     typical = np.abs(profile).mean(axis=1, keepdims=True) + 0.25 * np.abs(profile).mean() + 1e-9
     reward = profile / typical - 0.5 * ((relative - centre_rings) / spread_rings)[None, :] ** 2
     step_px = float(np.median(ring_width_px)) * (relative[1] - relative[0])
@@ -103,7 +100,8 @@ def edge_offsets(
     path = _best_path(reward, cost=2.0 * step_px, wraps=closed)
     inner = np.clip(path, 1, bins - 2)
     rows = np.arange(count)
-    left, mid, right = (reward[rows, inner + d] for d in (-1, 0, 1))
+    # The exact place is the profile's own peak: the prior only chooses between peaks.
+    left, mid, right = (profile[rows, inner + d] for d in (-1, 0, 1))
     curve = left - 2.0 * mid + right
     shift = np.where(curve < -1e-9, 0.5 * (left - right) / np.minimum(curve, -1e-9), 0.0)
     shift = np.where(inner == path, np.clip(shift, -0.5, 0.5), 0.0)
@@ -111,6 +109,24 @@ def edge_offsets(
     exact = _smooth(exact, closed)
     contrast = profile[rows, path] / typical[:, 0]
     return exact, contrast
+
+
+def sample_image(
+    image: FloatArray, xs: npt.NDArray[Any], ys: npt.NDArray[Any], interpolation: int = cv2.INTER_LINEAR
+) -> npt.NDArray[np.float64]:
+    """Image at points of shape (K, L), edge pixels repeated; in parts, since OpenCV takes at most 32,767 rows."""
+    rows = 16384
+    parts = [
+        cv2.remap(
+            image,
+            xs[start : start + rows].astype(np.float32),
+            ys[start : start + rows].astype(np.float32),
+            interpolation,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for start in range(0, len(xs), rows)
+    ]
+    return np.concatenate(parts).astype(np.float64)
 
 
 def _best_path(reward: npt.NDArray[np.float64], cost: float, wraps: bool) -> npt.NDArray[np.intp]:

@@ -117,7 +117,7 @@ def _ring_levels(table: Array, counts: Array, profile: Array) -> Array:
     seen = mass > 0
     if not seen.any():
         return np.ones_like(ratio)
-    level = np.ones_like(ratio)
+    level: Array = np.ones_like(ratio)
     for channel in range(3):
         near = np.interp(rings, rings[seen], ratio[seen, channel])
         spread = gaussian_filter1d(near, 2.0, mode="nearest")
@@ -135,7 +135,7 @@ def _lateness(strip: Array, rings: int, samples: int, latewood_is_dark: bool) ->
     middle = 0.5 * (high + low)
     darkness = 0.5 - (lightness - middle[:, None]) / contrast[:, None]
     late = darkness if latewood_is_dark else 1.0 - darkness
-    return np.clip(late, 0.0, 1.0).reshape(-1).astype(np.float32)
+    return np.asarray(np.clip(late, 0.0, 1.0).reshape(-1), dtype=np.float32)
 
 
 def color_at(strip: ColorStrip, age: Array, samples_per_ring: int) -> npt.NDArray[np.float32]:

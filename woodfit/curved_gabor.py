@@ -281,4 +281,4 @@ def curvature(orientation: FloatArray, sigma_px: float) -> FloatArray:
     turn_y = cos2 * cv2.Scharr(sin2, cv2.CV_32F, 0, 1) - sin2 * cv2.Scharr(cos2, cv2.CV_32F, 0, 1)
     length = np.maximum(cos2 * cos2 + sin2 * sin2, 1e-6)
     turn = (turn_x * np.cos(orientation) + turn_y * np.sin(orientation)) / (32.0 * length)
-    return np.abs(turn / 2.0).astype(np.float32)
+    return np.asarray(np.abs(turn / 2.0), dtype=np.float32)

@@ -82,9 +82,10 @@ def grid_for(radius: Floats, azimuth: Floats, height: Floats, spacing_px: float,
         if nr * na * nh <= most_nodes:
             break
         spacing_px *= 1.08
-    azimuths = (
-        low_a + np.arange(na) * (2 * np.pi / na) if wraps else np.linspace(low_a, max(high_a, low_a + 1e-6), na)
-    )
+    if wraps:
+        azimuths = np.asarray(low_a + np.arange(na) * (2 * np.pi / na), np.float64)
+    else:
+        azimuths = np.linspace(low_a, max(high_a, low_a + 1e-6), na)
     return CylinderGrid(
         np.linspace(low_r, max(high_r, low_r + 1e-3), nr),
         azimuths,
@@ -128,7 +129,7 @@ def trilinear(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
     """Flat node indices and weights, both of shape (N, 8), that interpolate at N points."""
     low, part = corners(grid, radius, azimuth, height)
-    nr, na, nh = grid.shape
+    _, na, nh = grid.shape
     index = np.empty((len(low[0]), 8), np.int64)
     weight = np.empty((len(low[0]), 8), np.float32)
     for corner in range(8):
@@ -152,7 +153,7 @@ def sample(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Trilinear value at N points, with its slopes along radius and height (per px; 0 outside the grid)."""
     low, part = corners(grid, radius, azimuth, height)
-    nr, na, nh = grid.shape
+    _, na, nh = grid.shape
     flat = np.ascontiguousarray(values, np.float32).ravel()
     column = low[1] + 1
     if grid.wraps:

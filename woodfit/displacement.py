@@ -8,6 +8,7 @@ hundreds of gradient steps. Only the phase is compared, never the image: colors 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -42,28 +43,25 @@ class Observations:
     weight: Array
 
 
+def _csr(starts: Array, columns: Array, values: Array, shape: tuple[int, int]) -> torch.Tensor:
+    """Sparse matrix from its row starts, columns and float32 values."""
+    parts = (torch.from_numpy(part) for part in (starts, columns, values))
+    with warnings.catch_warnings():
+        # Older versions of torch announce that the layout is young; only its product with a vector is used.
+        warnings.filterwarnings("ignore", "Sparse CSR tensor support is in beta")
+        return torch.sparse_csr_tensor(*parts, size=shape, check_invariants=False)
+
+
 class _Interpolation:
     """Trilinear interpolation as a sparse matrix and its transpose."""
 
     def __init__(self, grid: CylinderGrid, places: Observations) -> None:
         index, weight = trilinear(grid, places.radius, places.azimuth, places.height)
         count, nodes = len(index), int(np.prod(grid.shape))
-        self.forward = torch.sparse_csr_tensor(
-            torch.arange(0, 8 * count + 1, 8),
-            torch.from_numpy(index.ravel()),
-            torch.from_numpy(weight.ravel()),
-            size=(count, nodes),
-            dtype=torch.float32,
-        )
+        self.forward = _csr(np.arange(0, 8 * count + 1, 8), index.ravel(), weight.ravel(), (count, nodes))
         order = np.argsort(index.ravel(), kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(index.ravel(), minlength=nodes))])
-        self.backward = torch.sparse_csr_tensor(
-            torch.from_numpy(starts),
-            torch.from_numpy(order // 8),
-            torch.from_numpy(weight.ravel()[order]),
-            size=(nodes, count),
-            dtype=torch.float32,
-        )
+        self.backward = _csr(starts, order // 8, weight.ravel()[order], (nodes, count))
 
     def at(self, field: torch.Tensor) -> torch.Tensor:
         return self.forward @ field
@@ -280,7 +278,7 @@ def polish(
     at_pixels, at_vertices = _Interpolation(grid, pixels), _Interpolation(grid, boundaries)
     field = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
     heavy = boundary_share * float(pixels.weight.sum()) / max(float(boundaries.weight.sum()), 1e-9)
-    losses = []
+    losses: list[float] = []
     for stiffness in stiffness_px:
         now = at_pixels.at(field).numpy()
         age, width = age_of_radius(pixels.radius + now, ring_radius)

@@ -88,7 +88,7 @@ def _cells(
             parallel = nx * pad_x[part] + ny * pad_y[part]
             bonds.append((dy, dx, np.sqrt(strength * pad_w[part]) * parallel * (0.4 + 12.0 * along**2) / length))
     vx, vy = (shrink(weight * asymmetry * trig(base)) for trig in (np.cos, np.sin))
-    cos2, sin2 = (cv2.GaussianBlur(a, (0, 0), 2.0) for a in (cos2, sin2))
+    cos2, sin2 = (np.asarray(cv2.GaussianBlur(a, (0, 0), 2.0), np.float32) for a in (cos2, sin2))
     turn_x = cos2 * cv2.Scharr(sin2, cv2.CV_32F, 1, 0) - sin2 * cv2.Scharr(cos2, cv2.CV_32F, 1, 0)
     turn_y = cos2 * cv2.Scharr(sin2, cv2.CV_32F, 0, 1) - sin2 * cv2.Scharr(cos2, cv2.CV_32F, 0, 1)
     # Turn of the normal per cell along the tangent (-ny, nx): positive where the normal points away from the centre.

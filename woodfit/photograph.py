@@ -20,7 +20,8 @@ def srgb_decode(encoded: npt.NDArray[Any]) -> FloatArray:
     array = np.asarray(encoded)
     if array.dtype.kind == "u":
         top = np.iinfo(array.dtype).max
-        return _curve(np.arange(top + 1, dtype=np.float64) / top)[array]
+        table = _curve(np.arange(top + 1, dtype=np.float64) / top)
+        return np.asarray(table[array], dtype=np.float32)
     return _curve(array.astype(np.float64))
 
 

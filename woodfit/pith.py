@@ -512,7 +512,8 @@ def ring_radii(
         Mean ring width, px (shape ()).
     """
     r = radii(rings.points, pith.point, pith.direction)
-    mean = np.array([_weighted_median(r[rings.ring == i], rings.weight[rings.ring == i]) for i in range(len(rings.index))])
+    of_ring = [rings.ring == i for i in range(len(rings.index))]
+    mean = np.array([_weighted_median(r[mine], rings.weight[mine]) for mine in of_ring])
     index, group = rings.index, rings.group
     main = group == 0
     span = int(np.ptp(index[main]))

@@ -49,26 +49,31 @@ def _meet(
     own: int,
     outwards: float,
     most_cycles: float,
-) -> tuple[int, float, bool]:  # pragma: no cover - compiled
-    """Walk across the rings; returns the boundary met (0 for none), cycles passed, and whether growth reversed."""
+) -> tuple[int, float, float, bool]:  # pragma: no cover - compiled
+    """Walk across the rings to the next boundary.
+
+    Returns the boundary met (0 for none), the cycles and the way passed, and whether growth reversed.
+    """
     height, width = labels.shape
     ix, iy = int(x + 0.5), int(y + 0.5)
     hx, hy = outwards * grow_x[iy, ix], outwards * grow_y[iy, ix]
     cycles = 0.0
+    way = 0.0
     reversed_growth = False
     step = 0.7
     for _ in range(4000):
+        way += step
         x += step * hx
         y += step * hy
         if not (x >= -0.49 and y >= -0.49 and x < width - 0.51 and y < height - 0.51):
-            return 0, cycles, reversed_growth
+            return 0, cycles, way, reversed_growth
         ix, iy = int(x + 0.5), int(y + 0.5)
         if not valid[iy, ix]:
-            return 0, cycles, reversed_growth
+            return 0, cycles, way, reversed_growth
         cycles += step * frequency[iy, ix]
         met = labels[iy, ix]
         if met > 0 and (met != own or reversed_growth):
-            return met, cycles, reversed_growth
+            return met, cycles, way, reversed_growth
         gx, gy = outwards * grow_x[iy, ix], outwards * grow_y[iy, ix]
         if reversed_growth:
             gx, gy = -gx, -gy
@@ -76,7 +81,7 @@ def _meet(
         if turn < -0.2:
             # Only an inward walk may pass the pith and come out on the other side.
             if outwards > 0.0 or reversed_growth:
-                return 0, cycles, reversed_growth
+                return 0, cycles, way, reversed_growth
             reversed_growth = True
             gx, gy = -gx, -gy
         if turn < -0.2 or turn > 0.2:
@@ -84,8 +89,38 @@ def _meet(
             norm = np.sqrt(hx * hx + hy * hy)
             hx, hy = hx / norm, hy / norm
         if cycles > most_cycles:
-            return 0, cycles, reversed_growth
-    return 0, cycles, reversed_growth
+            return 0, cycles, way, reversed_growth
+    return 0, cycles, way, reversed_growth
+
+
+def draw_labels(
+    polylines: Sequence[npt.NDArray[np.float64]], closed: Sequence[bool], shape: tuple[int, ...]
+) -> npt.NDArray[np.int32]:
+    """Image of `shape` with each boundary's number, counted from 1, on its line and 0 elsewhere."""
+    labels = np.zeros(shape, np.int32)
+    for number, (points, loop) in enumerate(zip(polylines, closed, strict=True), start=1):
+        # Two pixels thick, so that no walk slips through diagonally.
+        cv2.polylines(labels, [np.round(points * 16).astype(np.int32)], loop, number, thickness=2, shift=4)
+    return labels
+
+
+def distance_outwards(
+    points: npt.NDArray[np.float64],
+    own: int,
+    labels: npt.NDArray[np.int32],
+    growth: npt.NDArray[Any],
+    frequency: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    """Next boundary outwards from each point (its number, 0 for none) and the way there in pixels."""
+    grow_x, grow_y = np.cos(growth).astype(np.float32), np.sin(growth).astype(np.float32)
+    freq = np.ascontiguousarray(frequency, np.float32)
+    top = np.array([labels.shape[1] - 1, labels.shape[0] - 1])
+    met, way = np.zeros(len(points), np.int64), np.zeros(len(points))
+    for i, (x, y) in enumerate(np.clip(points, 0, top)):
+        number, _, passed, turned = _meet(labels, grow_x, grow_y, freq, valid, x, y, own, 1.0, 3.0)
+        met[i], way[i] = (0, 0.0) if turned else (number, passed)
+    return met, way
 
 
 def _votes(
@@ -96,10 +131,7 @@ def _votes(
     valid: npt.NDArray[np.bool_],
 ) -> dict[tuple[int, int, int], float]:
     """Weight of each vote (a, b, n): the index of b is n more than that of a."""
-    labels = np.zeros(growth.shape, np.int32)
-    for number, (points, loop) in enumerate(zip(polylines, closed, strict=True), start=1):
-        # Two pixels thick, so that no walk slips through diagonally.
-        cv2.polylines(labels, [np.round(points * 16).astype(np.int32)], loop, number, thickness=2, shift=4)
+    labels = draw_labels(polylines, closed, growth.shape)
     grow_x, grow_y = np.cos(growth).astype(np.float32), np.sin(growth).astype(np.float32)
     freq = np.ascontiguousarray(frequency, np.float32)
     height, width = growth.shape
@@ -108,7 +140,7 @@ def _votes(
         for x, y in points[:: max(1, min(4, len(points) // 12))]:
             x, y = float(np.clip(x, 0, width - 1)), float(np.clip(y, 0, height - 1))
             for outwards in (1.0, -1.0):
-                met, cycles, turned = _meet(labels, grow_x, grow_y, freq, valid, x, y, number, outwards, 4.6)
+                met, cycles, _, turned = _meet(labels, grow_x, grow_y, freq, valid, x, y, number, outwards, 4.6)
                 if met == 0 or met == number:
                     continue
                 # A ring may be half as wide again as its neighbours; only nearly two cycles say that one was missed.

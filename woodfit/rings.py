@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from woodfit.boundary import edge_offsets, edge_strength
 from woodfit.growth import Growth, find_growth, pore_evidence
+from woodfit.infill import missed_boundaries
 from woodfit.ring_order import Order, order_rings
 from woodfit.streamlines import smooth_along
 from woodfit.tracing import Trace, trace_rings
@@ -99,6 +100,11 @@ def grain_ratio(
     return float((weight * across**2).sum() / max(float((weight * along**2).sum()), 1e-12))
 
 
+#: Fine texture more skewed than `PORES` (see `woodfit.growth.pore_evidence`), or streaked along the rings more than
+#: `STREAKED` (see `grain_ratio`), comes from vessels.
+PORES, STREAKED = -0.8, 3.5
+
+
 def wrap(angle: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Angle in rad brought to -pi..pi."""
     return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
@@ -139,29 +145,27 @@ def find_rings(
     -------
     Rings
     """
+    grain = grain_ratio(value, orientation, valid)
     pores = pore_evidence(value, orientation, np.angle(response), explained, valid)
+    if grain > STREAKED:
+        pores = min(pores, 2.0 * PORES)
     growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores)
     # A wave that rises through zero along the edge direction has phase -pi/2 there.
     with_growth = np.cos(growth.direction - normal) >= 0.0
     rising = 0.5 * np.pi if growth.bright_outwards else -0.5 * np.pi
     phase = wrap(np.where(with_growth, 1.0, -1.0) * np.angle(response) + rising)
     confidence = np.asarray(explained * valid, dtype=np.float32)
-    traces = trace_rings(
-        phase,
-        growth.direction,
-        frequency,
-        confidence,
-        valid,
-        seed_confidence,
-        floor_confidence,
-        max_gap_rings,
-        shortest_rings,
-    )
+    limits = (seed_confidence, floor_confidence, max_gap_rings, shortest_rings)
     edge_direction = growth.direction if growth.bright_outwards else growth.direction + np.pi
-    strength = edge_strength(value, valid, orientation, edge_direction, ring_scale_px)
-    moved, lag = _onto_edges(traces, strength, growth.direction, frequency)
-    kept = _without_doubles(moved, frequency)
-    kept = _without_faint(kept, response)
+    strength = edge_strength(value, valid, orientation, edge_direction, ring_scale_px, dotted=pores < PORES)
+    traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
+    _, lag = _onto_edges(traces, strength, growth.direction, frequency)
+    # Traced again where the edges lie in the phase: a boundary that leaves the picture is then followed to its end.
+    phase = np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32)
+    traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
+    moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
+    kept = _without_faint(_without_doubles(moved, frequency), response, strength)
+    kept += missed_boundaries(kept, strength, growth.direction, frequency, valid)
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid)
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
@@ -169,9 +173,9 @@ def find_rings(
         [kept[i] for i in rank],
         order,
         growth,
-        np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32),
+        phase,
         confidence,
-        grain_ratio(value, orientation, valid),
+        grain,
     )
 
 
@@ -179,7 +183,7 @@ def _sample(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDA
     """Values at the pixels nearest to x, y points."""
     cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
     rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
-    return image[rows, cols]
+    return np.asarray(image[rows, cols])
 
 
 def _onto_edges(
@@ -219,14 +223,16 @@ def _weighted_median(values: npt.NDArray[np.float64], weights: npt.NDArray[np.fl
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])]) if total[-1] > 0 else 0.0
 
 
-def _without_faint(traces: list[Trace], response: npt.NDArray[Any]) -> list[Trace]:
-    """Drop boundaries whose wave is a small part of what the face's boundaries have: fibre in an empty wide ring."""
+def _without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: FloatArray) -> list[Trace]:
+    """Drop boundaries whose wave or edge is a small part of what the face's boundaries have: fibre in a wide ring."""
     if len(traces) < 4:
         return traces
-    magnitude = np.abs(response)
-    strength = np.array([float(np.median(_sample(magnitude, t.points))) for t in traces])
     length = np.array([len(t.points) for t in traces], np.float64)
-    return [t for t, s in zip(traces, strength, strict=True) if s >= 0.2 * _weighted_median(strength, length)]
+    keep = np.ones(len(traces), bool)
+    for image, share in ((np.abs(response), 0.2), (np.maximum(strength, 0.0), 0.15)):
+        typical = np.array([float(np.median(_sample(image, t.points))) for t in traces])
+        keep &= typical >= share * _weighted_median(typical, length)
+    return [t for t, good in zip(traces, keep, strict=True) if good]
 
 
 def _without_doubles(traces: list[Trace], frequency: npt.NDArray[Any]) -> list[Trace]:
@@ -235,7 +241,7 @@ def _without_doubles(traces: list[Trace], frequency: npt.NDArray[Any]) -> list[T
         return traces
     order = sorted(range(len(traces)), key=lambda i: (-float(traces[i].confidence.sum()), i))
     taken = np.full(frequency.shape, 255, np.uint8)
-    kept = []
+    kept: list[Trace] = []
     for i in order:
         trace = traces[i]
         if kept:
@@ -248,8 +254,8 @@ def _without_doubles(traces: list[Trace], frequency: npt.NDArray[Any]) -> list[T
                 if len(trace.points) < 4:
                     continue
         cv2.polylines(taken, [np.round(trace.points * 16).astype(np.int32)], trace.closed, 0, 1, shift=4)
-        kept.append(i if trace is traces[i] else trace)
-    return [traces[t] if isinstance(t, int) else t for t in kept]
+        kept.append(trace)
+    return kept
 
 
 def _longest_free(trace: Trace, free: npt.NDArray[np.bool_]) -> Trace:

@@ -177,7 +177,7 @@ class SolidTexture:
 
     def save(self, path: str | Path) -> None:
         """Write the texture to one self-contained file (``.zarr.zip``; see docs/solid_texture.md)."""
-        arrays = {
+        arrays: dict[str, npt.NDArray[Any]] = {
             "board_to_tree": np.asarray(self.board_to_tree, np.float64),
             "displacement": np.asarray(self.displacement, np.float32),
             "ring_radius": np.asarray(self.ring_radius, np.float64),

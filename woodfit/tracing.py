@@ -61,8 +61,8 @@ def _walk(
     max_gap: float,
     limit: int,
     label: int,
-) -> tuple[npt.NDArray[np.float64], bool]:  # pragma: no cover - compiled
-    """Walk one way from a start; rows of the result are x, y, confidence."""
+) -> tuple[npt.NDArray[np.float64], bool, float]:  # pragma: no cover - compiled
+    """Walk one way from a start: rows of x, y, confidence; whether it closed; how far it turned, in rad."""
     height, width = phase.shape
     path = np.empty((limit, 3), np.float64)
     count = 0
@@ -73,15 +73,21 @@ def _walk(
     kept = 0
     closed = False
     start_hx, start_hy = hx, hy
+    turned = 0.0
     while count < limit:
         # Tangent here, agreeing with the heading.
         tx, ty = -float(grow_y[iy, ix]), float(grow_x[iy, ix])
         if tx * hx + ty * hy < 0.0:
             tx, ty = -tx, -ty
         if confidence[iy, ix] >= floor:
+            before_x, before_y = hx, hy
             hx, hy = 0.6 * hx + 0.4 * tx, 0.6 * hy + 0.4 * ty
             norm = np.sqrt(hx * hx + hy * hy)
             hx, hy = hx / norm, hy / norm
+            turned += before_x * hy - before_y * hx
+            # Once round without coming home: a tear has led the walk onto the next ring.
+            if abs(turned) > 6.6:
+                break
         x += hx
         y += hy
         if not (x >= -0.49 and y >= -0.49 and x < width - 0.51 and y < height - 0.51):
@@ -118,7 +124,7 @@ def _walk(
             closed = True
             kept = count
             break
-    return path[:kept].copy(), closed
+    return path[:kept].copy(), closed, abs(turned)
 
 
 def trace_rings(
@@ -180,10 +186,10 @@ def trace_rings(
         y = float(np.clip(row + shift * grow_y[row, col], 0, height - 1))
         fields = (phase, grow_x, grow_y, frequency, confidence, valid, owner, x, y)
         limits = (floor_confidence, max_gap_rings / f, limit, label)
-        ahead, closed = _walk(*fields, 1.0, *limits)
+        ahead, closed, turned = _walk(*fields, 1.0, *limits)
         parts = [np.array([[x, y, confidence[row, col]]]), ahead]
-        if not closed:
-            behind, _ = _walk(*fields, -1.0, *limits)
+        if not closed and turned < 6.0:
+            behind, _, _ = _walk(*fields, -1.0, *limits)
             parts.insert(0, behind[::-1])
         path = np.concatenate(parts)
         if len(path) < min(shortest_rings / f, 0.6 * min(height, width)) and not closed:

@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 Array = npt.NDArray[Any]
 
+#: A ring's index and what is written behind it: nothing, or a question mark.
+Name = tuple[int, str]
+
 _CANDIDATES = 48
 # A boundary in several pieces is numbered on so many of them, if they are far from each other.
 _ROUNDS = 3
@@ -22,13 +25,13 @@ class Label:
 
     Parameters
     ----------
-    index
-        The ring's index.
+    name
+        The ring's index and what is written behind it.
     x, y
         Its middle, in the coordinates of the lines.
     """
 
-    index: int
+    name: Name
     x: float
     y: float
 
@@ -49,7 +52,7 @@ class _Taken:
 
 
 def place_labels(
-    lines: Mapping[int, Sequence[Array]],
+    lines: Mapping[Name, Sequence[Array]],
     extent: tuple[float, float, float, float],
     unit: float,
     height: float = 14.0,
@@ -59,7 +62,7 @@ def place_labels(
     Parameters
     ----------
     lines
-        Ring index to the pieces of its boundary, points (N, 2) each.
+        A ring's index and suffix to the pieces of its boundary, points (N, 2) each.
     extent
         Left, top, width and height of the picture, in the unit of the points.
     unit
@@ -73,31 +76,32 @@ def place_labels(
         Every tenth ring has the first choice, then every fifth, then the others; who finds no place has none.
     """
     margin = height * unit
-    pieces = {index: [_inside(points, extent, margin) for points in parts] for index, parts in lines.items()}
+    pieces = {name: [_inside(points, extent, margin) for points in parts] for name, parts in lines.items()}
     taken = _Taken()
     labels: list[Label] = []
     size = float(np.hypot(extent[2], extent[3]))
     for _ in range(_ROUNDS):
-        pieces = {index: [points for points in parts if len(points)] for index, parts in pieces.items()}
-        anchors = _walk({index: parts for index, parts in pieces.items() if parts}, extent)
-        for index in sorted(anchors, key=_rank):
-            which, anchor = anchors[index]
-            points = pieces[index].pop(which)
-            half = 0.5 * unit * np.array([0.56 * height * len(str(index)) + 5.0, height])
+        pieces = {name: [points for points in parts if len(points)] for name, parts in pieces.items()}
+        anchors = _walk({name: parts for name, parts in pieces.items() if parts}, extent)
+        for name in sorted(anchors, key=_rank):
+            which, anchor = anchors[name]
+            points = pieces[name].pop(which)
+            text = f"{name[0]}{name[1]}"
+            half = 0.5 * unit * np.array([0.56 * height * len(text) + 5.0, height])
             distance = np.hypot(*(points - anchor).T)
             possible = taken.free(points, half) & (distance <= 0.3 * size)
             for label in labels:
-                if label.index == index:
+                if label.name == name:
                     possible &= np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) > 0.2 * size
             if possible.any():
                 x, y = points[np.argmin(np.where(possible, distance, np.inf))]
                 taken.boxes.append((float(x), float(y), float(half[0]), float(half[1])))
-                labels.append(Label(index, float(x), float(y)))
-    return sorted(labels, key=lambda label: label.index)
+                labels.append(Label(name, float(x), float(y)))
+    return sorted(labels, key=lambda label: label.name)
 
 
-def _rank(index: int) -> tuple[int, int]:
-    return (0 if index % 10 == 0 else 1 if index % 5 == 0 else 2, index)
+def _rank(name: Name) -> tuple[int, Name]:
+    return (0 if name[0] % 10 == 0 else 1 if name[0] % 5 == 0 else 2, name)
 
 
 def _inside(points: Array, extent: tuple[float, float, float, float], margin: float) -> Array:
@@ -112,23 +116,23 @@ def _inside(points: Array, extent: tuple[float, float, float, float], margin: fl
 
 
 def _walk(
-    pieces: Mapping[int, Sequence[Array]], extent: tuple[float, float, float, float]
-) -> dict[int, tuple[int, Array]]:
+    pieces: Mapping[Name, Sequence[Array]], extent: tuple[float, float, float, float]
+) -> dict[Name, tuple[int, Array]]:
     """Which piece gets each number and where it would stand best: a walk from the middle ring by shortest steps."""
     order = sorted(pieces)
     if not order:
         return {}
     centre = np.array([extent[0] + 0.5 * extent[2], extent[1] + 0.5 * extent[3]])
     start = len(order) // 2
-    anchors: dict[int, tuple[int, Array]] = {}
+    anchors: dict[Name, tuple[int, Array]] = {}
     for walk in (order[start:], order[start::-1]):
         place = centre
-        for index in walk:
-            if index in anchors:
-                place = anchors[index][1]
+        for name in walk:
+            if name in anchors:
+                place = anchors[name][1]
                 continue
-            nearest = [points[np.argmin(np.hypot(*(points - place).T))] for points in pieces[index]]
+            nearest = [points[np.argmin(np.hypot(*(points - place).T))] for points in pieces[name]]
             which = int(np.argmin([np.hypot(*(point - place)) for point in nearest]))
             place = nearest[which]
-            anchors[index] = which, place
+            anchors[name] = which, place
     return anchors

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.report.labels import place_labels
+from pipeline.report.labels import Name, place_labels
 from pipeline.report.palettes import ring_color
 from pipeline.report.pictures import Picture, fit, jpeg
 from pipeline.report.reading import Frame, Scan
-from stages.variables import RING_CLOSED, RING_CONFIDENCE, RING_INDEX, RING_X, RING_Y, VERTEX_COUNT
+from stages.variables import RING_CLOSED, RING_CONFIDENCE, RING_GROUP, RING_INDEX, RING_X, RING_Y, VERTEX_COUNT
 
 Array = npt.NDArray[Any]
 
@@ -23,7 +23,7 @@ UNSURE = 0.5
 _WIDE_PX, _NARROW_PX, _THUMB_PX = 1040.0, 340.0, 360
 
 #: Strips are shown at least so high (lying) or wide (standing), px; lying ones scroll sideways on a small screen.
-_LEAST_PX = 130.0
+_LEAST_PX = 110.0
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,8 @@ class Ring:
         0..1.
     closed
         Whether it returns to its start.
+    counted
+        Whether its number is tied to the others' by counting; otherwise it is a guess.
     points
         Shape (N, 2): x, y in px of the scan.
     """
@@ -45,6 +47,7 @@ class Ring:
     index: int
     confidence: float
     closed: bool
+    counted: bool
     points: Array
 
 
@@ -56,12 +59,10 @@ def rings_of(scan: Scan) -> list[Ring] | None:
     index = scan.values(RING_INDEX)
     confidence = scan.values(RING_CONFIDENCE) if scan.has(RING_CONFIDENCE) else np.ones(len(index))
     closed = scan.values(RING_CLOSED) if scan.has(RING_CLOSED) else np.zeros(len(index), bool)
+    group = scan.values(RING_GROUP) if scan.has(RING_GROUP) else np.zeros(len(index), int)
     pieces = np.split(points, np.cumsum(scan.values(VERTEX_COUNT))[:-1]) if len(index) else []
-    return [
-        Ring(int(i), float(c), bool(k), p)
-        for i, c, k, p in zip(index, confidence, closed, pieces, strict=True)
-        if len(p)
-    ]
+    rows = zip(index, confidence, closed, group, pieces, strict=True)
+    return [Ring(int(i), float(c), bool(k), int(g) == 0, p) for i, c, k, g, p in rows if len(p)]
 
 
 def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
@@ -90,7 +91,8 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
             "path": _path(ring, tolerance),
             "color": ring_color(ring.index),
             "unsure": ring.confidence < UNSURE,
-            "title": f"ring {ring.index}, confidence {ring.confidence:.2f}",
+            "title": f"ring {ring.index}, confidence {ring.confidence:.2f}"
+            + ("" if ring.counted else ", its number is a guess"),
         }
         for ring in rings
     ]
@@ -100,6 +102,7 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
     section["narrow"] = _labels(rings, frame, min(_NARROW_PX, shown["most"]))
     section["count"] = len({ring.index for ring in rings})
     section["unsure"] = len({ring.index for ring in rings if ring.confidence < UNSURE})
+    section["guessed"] = sum(not ring.counted for ring in rings)
     section["first"], section["last"] = min(r.index for r in rings), max(r.index for r in rings)
     return section
 
@@ -130,17 +133,19 @@ def _path(ring: Ring, tolerance: float) -> str:
 
 
 def _labels(rings: list[Ring], frame: Frame, width_px: float) -> list[dict[str, Any]]:
-    lines: dict[int, list[Array]] = {}
+    lines: dict[Name, list[Array]] = {}
     for ring in rings:
-        lines.setdefault(ring.index, []).append(ring.points[np.isfinite(ring.points).all(axis=1)])
+        lines.setdefault((ring.index, "" if ring.counted else "?"), []).append(
+            ring.points[np.isfinite(ring.points).all(axis=1)]
+        )
     extent = (frame.left, frame.top, frame.width, frame.height)
     labels = place_labels(lines, extent, frame.width / width_px)
     return [
         {
-            "text": str(label.index),
+            "text": f"{label.name[0]}{label.name[1]}",
             "left": f"{100 * (label.x - frame.left) / frame.width:.2f}",
             "top": f"{100 * (label.y - frame.top) / frame.height:.2f}",
-            "color": ring_color(label.index),
+            "color": ring_color(label.name[0]),
         }
         for label in labels
     ]

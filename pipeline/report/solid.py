@@ -12,7 +12,6 @@ from scipy.special import erf
 from pipeline.report.box import Box, Camera, Seen, camera_for, look
 from pipeline.report.pictures import Bytes, jpeg, srgb_bytes
 from pipeline.report.reading import Frame, Scan
-from stages.variables import BOARD_TO_TREE, COLOR_STRIP, POLISHED_DISPLACEMENT, RING_RADIUS
 
 Array = npt.NDArray[Any]
 
@@ -28,9 +27,10 @@ _BACKDROP_TOP, _BACKDROP_BOTTOM = np.array([0.47, 0.45, 0.42]), np.array([0.66, 
 def solid_section(scan: Scan) -> dict[str, Any] | None:
     """Picture of the block; ``None`` before the color map."""
     frame = scan.frame
-    if frame is None or not scan.has(COLOR_STRIP, BOARD_TO_TREE, RING_RADIUS, POLISHED_DISPLACEMENT):
+    from stages.products import TEXTURE, solid_texture_of
+
+    if frame is None or not scan.has(*TEXTURE.requires):
         return None
-    from stages.products import solid_texture_of
 
     box = block_of(frame)
     picture = draw_block(solid_texture_of(scan.ds), box, _LONGER_PX)

@@ -1,0 +1,113 @@
+"""Boundaries that the phase missed: narrow rings beside wide ones, where one frequency cannot serve both.
+
+Between each traced boundary and the next one outwards the strongest continuous edge is sought. It becomes a boundary
+when it is about as strong as the two it lies between, along most of its length. One missed ring shifts every date
+beyond it, so this look is worth its time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from woodfit.boundary import edge_offsets, sample_image
+from woodfit.ring_order import distance_outwards, draw_labels
+from woodfit.tracing import Trace
+
+FloatArray = npt.NDArray[np.float32]
+
+
+def missed_boundaries(
+    traces: list[Trace],
+    strength: FloatArray,
+    growth: FloatArray,
+    frequency: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+    least_share: float = 0.5,
+    least_length: float = 0.75,
+) -> list[Trace]:
+    """Additional boundaries between the traced ones.
+
+    Parameters
+    ----------
+    traces : list of Trace
+        Boundaries on their edges.
+    strength : array of shape (M, N)
+        From `woodfit.boundary.edge_strength`.
+    growth, frequency : arrays of shape (M, N)
+        Outward direction in rad, rings per pixel.
+    valid : bool array of shape (M, N)
+        The wood.
+    least_share : float
+        Strength needed, as a share of that of the two boundaries around.
+    least_length : float
+        Share of the length along which it is needed.
+
+    Returns
+    -------
+    list of Trace
+    """
+    labels = draw_labels([t.points for t in traces], [t.closed for t in traces], strength.shape)
+    found = []
+    for number, trace in enumerate(traces, start=1):
+        met, way = distance_outwards(trace.points, number, labels, growth, frequency, valid)
+        found += [
+            inner
+            for start, end in _stretches(met > 0)
+            if (inner := _between(trace, way, start, end, strength, growth, least_share, least_length)) is not None
+        ]
+    return found
+
+
+def _stretches(mask: npt.NDArray[np.bool_], shortest: int = 12) -> list[tuple[int, int]]:
+    """Runs of True at least `shortest` long; gaps of up to four are bridged."""
+    closed = mask.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], mask.astype(np.int8), [1]])))
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        if 0 < start and end < len(mask) and end - start <= 4:
+            closed[start:end] = True
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], closed.astype(np.int8), [0]])))
+    return [(int(s), int(e)) for s, e in zip(edges[::2], edges[1::2], strict=True) if e - s >= shortest]
+
+
+def _between(
+    trace: Trace,
+    way: npt.NDArray[np.float64],
+    start: int,
+    end: int,
+    strength: FloatArray,
+    growth: FloatArray,
+    least_share: float,
+    least_length: float,
+) -> Trace | None:
+    points, width = trace.points[start:end], way[start:end].copy()
+    known = width > 0
+    width = np.interp(np.arange(len(width)), np.flatnonzero(known), width[known])
+    if float(np.median(width)) < 7.0:
+        return None
+    angle = _nearest(growth, points)
+    step = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    offset, _ = edge_offsets(strength, points, angle, width, 0.5, 0.16, False)
+    here = points + step * offset[:, None]
+    edges = [np.maximum(_bilinear(strength, p), 0.0) for p in (points, here, points + step * width[:, None])]
+    around = np.minimum(edges[0], edges[2])
+    typical = float(np.median(around))
+    # The darkening of latewood on either side must not be mistaken for a step: it has to brighten here.
+    strong = edges[1] >= least_share * np.maximum(around, 0.7 * typical)
+    clear = (offset > 0.2 * width) & (offset < 0.8 * width)
+    if typical <= 0.0 or (strong & clear).mean() < least_length:
+        return None
+    belief = trace.confidence[start:end] * np.clip(edges[1] / np.maximum(around, 1e-9), 0.0, 1.0)
+    return Trace(here, belief, trace.closed and end - start == len(trace.points))
+
+
+def _nearest(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
+    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
+    return np.asarray(image[rows, cols])
+
+
+def _bilinear(image: FloatArray, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return sample_image(image, points[:, 0:1], points[:, 1:2])[:, 0]
