@@ -1,7 +1,8 @@
 """A scalar on a cylindrical grid (radius, azimuth, height): the texture's own coordinates.
 
 Azimuth is carried so that the two sides of a flat-sawn face do not contradict each other. Outside the grid the
-nearest value holds, so that a texture carved beyond the photograph stays wood.
+nearest value holds along radius and height, and the azimuth closes round the tree, so that a texture carved beyond the
+photograph stays wood without a seam.
 """
 
 from __future__ import annotations
@@ -113,8 +114,13 @@ def corners(
         zip((radius, azimuth, height), (grid.radius, grid.azimuth, grid.height), grid.steps, strict=True)
     ):
         position = (np.asarray(value) - nodes[0]) / step
-        if axis == 1 and grid.wraps:
-            position = np.mod(position, len(nodes))
+        if axis == 1:
+            turn = len(nodes) if grid.wraps else 2.0 * np.pi / step
+            position = np.mod(position, turn)
+            if not grid.wraps:
+                # The arc that the face does not show is one wide cell: the texture closes round the tree.
+                last = len(nodes) - 1
+                position = np.where(position > last, last + (position - last) / (turn - last), position)
             index = np.minimum(position.astype(np.int64), len(nodes) - 1)
         else:
             position = np.clip(position, 0.0, len(nodes) - 1)
@@ -135,8 +141,7 @@ def trilinear(
     for corner in range(8):
         dr, da, dh = corner >> 2 & 1, corner >> 1 & 1, corner & 1
         column = low[1] + da
-        if grid.wraps:
-            column = np.where(column >= na, column - na, column)
+        column = np.where(column >= na, column - na, column)
         index[:, corner] = ((low[0] + dr) * na + column) * nh + low[2] + dh
         weight[:, corner] = (
             (part[0] if dr else 1 - part[0]) * (part[1] if da else 1 - part[1]) * (part[2] if dh else 1 - part[2])
@@ -156,8 +161,7 @@ def sample(
     _, na, nh = grid.shape
     flat = np.ascontiguousarray(values, np.float32).ravel()
     column = low[1] + 1
-    if grid.wraps:
-        column = np.where(column >= na, column - na, column)
+    column = np.where(column >= na, column - na, column)
 
     def row(dr: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         base = (low[0] + dr) * na

@@ -40,6 +40,7 @@ class Counts:
 
 
 def share(part: float, whole: float) -> float:
+    """Part of a whole; NaN when there is no whole."""
     return part / whole if whole > 0 else float("nan")
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from woodfit.boundary import edge_offsets, edge_strength
+from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.growth import Growth, find_growth, pore_evidence
 from woodfit.infill import missed_boundaries
 from woodfit.ring_order import Order, order_rings
@@ -149,7 +149,9 @@ def find_rings(
     pores = pore_evidence(value, orientation, np.angle(response), explained, valid)
     if grain > STREAKED:
         pores = min(pores, 2.0 * PORES)
-    growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores)
+    growth = find_growth(
+        normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, grain > 1.2
+    )
     # A wave that rises through zero along the edge direction has phase -pi/2 there.
     with_growth = np.cos(growth.direction - normal) >= 0.0
     rising = 0.5 * np.pi if growth.bright_outwards else -0.5 * np.pi
@@ -166,6 +168,8 @@ def find_rings(
     moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
     kept = _without_faint(_without_doubles(moved, frequency), response, strength)
     kept += missed_boundaries(kept, strength, growth.direction, frequency, valid)
+    if growth.bright_outwards:
+        kept = [_onto_latewood(trace, strength, growth.direction, frequency) for trace in kept]
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid)
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
@@ -215,6 +219,16 @@ def _onto_edges(
         replace(t, points=np.clip(t.points, [-0.5, -0.5], [width_px - 0.5, height - 0.5])) for t in moved
     ]
     return inside, lag
+
+
+def _onto_latewood(
+    trace: Trace, strength: FloatArray, direction: FloatArray, frequency: npt.NDArray[Any]
+) -> Trace:
+    """Trace moved from the steepest point of its step to the latewood inside."""
+    angle = _sample(direction, trace.points)
+    inwards = latewood_foot(strength, trace.points, angle, 1.0 / _sample(frequency, trace.points), trace.closed)
+    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * inwards[:, None]
+    return replace(trace, points=trace.points - step)
 
 
 def _weighted_median(values: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> float:

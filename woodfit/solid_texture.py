@@ -159,21 +159,25 @@ class SolidTexture:
 
     def _color(self, age: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Color and lateness at ring ages (K,); linear between strip samples."""
+        strip, period = self._strip
         size = len(self.color_strip)
-        rings = size / self.samples_per_ring
-        repeat = float(min(_REPEAT, int(rings)))
-        # Beyond the strip its last whole rings come again, rather than one color smeared out.
-        shown = np.where(age >= rings, rings - repeat + np.mod(age - rings, repeat), age)
-        position = np.clip(shown * self.samples_per_ring - 0.5, 0.0, size - 1.0)
-        low = np.minimum(position.astype(np.int64), size - 2)
+        position = np.maximum(age * self.samples_per_ring - 0.5, 0.0)
+        beyond = position - (size - 0.5)
+        position = np.where(beyond >= 0.0, size - 0.5 + np.mod(beyond, period), position)
+        low = position.astype(np.int64)
         part = (position - low).astype(np.float32)
-        strip = self._strip
         both = strip[low] * (1.0 - part)[:, None] + strip[low + 1] * part[:, None]
         return both[:, :3], both[:, 3]
 
     @cached_property
-    def _strip(self) -> npt.NDArray[np.float32]:
-        return np.ascontiguousarray(np.column_stack([self.color_strip, self.lateness_strip]).astype(np.float32))
+    def _strip(self) -> tuple[npt.NDArray[np.float32], int]:
+        """Color and lateness, the last whole rings twice and one sample more, and how many samples come again."""
+        strip = np.column_stack([self.color_strip, self.lateness_strip]).astype(np.float32)
+        rings = min(_REPEAT, len(strip) // self.samples_per_ring)
+        period = rings * self.samples_per_ring or len(strip)
+        # Beyond the strip its last whole rings come again, rather than one color smeared out.
+        again = strip[-period:]
+        return np.ascontiguousarray(np.concatenate([strip, again, again[:1]])), period
 
     def save(self, path: str | Path) -> None:
         """Write the texture to one self-contained file (``.zarr.zip``; see docs/solid_texture.md)."""
