@@ -188,9 +188,8 @@ def face(truth: Truth) -> tuple[CylinderGrid, Observations, Observations]:
     for _ in range(60):
         found = ideal - truth(found, angle, height)
     shown = np.abs(found * np.cos(angle) - 120.0) < 60.0
-    vertices = Observations(
-        found[shown], angle[shown], height[shown], boundary[shown].astype(float), np.full(int(shown.sum()), 360.0 * 160.0 / shown.sum())
-    )
+    area = np.full(int(shown.sum()), 360.0 * 160.0 / shown.sum())
+    vertices = Observations(found[shown], angle[shown], height[shown], boundary[shown].astype(float), area)
     return grid_for(r, a, y, 8.0, 30_000), pixels, vertices
 
 

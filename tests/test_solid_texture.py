@@ -21,7 +21,8 @@ from woodfit.zarr_zip import TextureFileError, read, write
 
 SAMPLES, RINGS = 32, 14
 DIRECTION = np.array([0.15, 0.95, 0.25]) / np.linalg.norm([0.15, 0.95, 0.25])
-MATRIX = board_to_tree(Pith(np.array([150.0, 100.0, 120.0]), DIRECTION, 0.0, np.zeros(4)), np.array([150.0, 100.0, 0.0]))
+PITH = Pith(np.array([150.0, 100.0, 120.0]), DIRECTION, 0.0, np.zeros(4))
+MATRIX = board_to_tree(PITH, np.array([150.0, 100.0, 0.0]))
 
 
 def texture(wraps: bool = True, pixel_size: float | None = None) -> SolidTexture:
@@ -397,3 +398,19 @@ def test_an_array_that_claims_more_than_it_holds_is_an_error(tmp_path: Path) -> 
                 file.writestr(entry, data)
         with pytest.raises(TextureFileError):
             SolidTexture.open(path)
+
+
+def test_a_chunk_that_is_not_gzip_inside_a_sound_zip_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "t.zarr.zip"
+    texture().save(path)
+    with zipfile.ZipFile(path) as file:
+        entries = {entry: file.read(entry) for entry in file.namelist()}
+    chunk = bytearray(entries["displacement/c/0/0/0"])
+    # The head of a gzip stream, and then nothing that can be unpacked.
+    chunk[10:] = b"\xff" * (len(chunk) - 10)
+    entries["displacement/c/0/0/0"] = bytes(chunk)
+    with zipfile.ZipFile(path, "w") as file:
+        for entry, data in entries.items():
+            file.writestr(entry, data)
+    with pytest.raises(TextureFileError):
+        SolidTexture.open(path)

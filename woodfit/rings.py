@@ -169,7 +169,8 @@ def find_rings(
     kept = _without_faint(_without_doubles(moved, frequency), response, strength)
     kept += missed_boundaries(kept, strength, growth.direction, frequency, valid)
     if growth.bright_outwards:
-        kept = [_onto_latewood(trace, strength, growth.direction, frequency) for trace in kept]
+        along, _ = smooth_along(value, valid, orientation, 9, 3.0)
+        kept = [_onto_latewood(trace, along, growth.direction, frequency) for trace in kept]
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid)
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
@@ -222,11 +223,11 @@ def _onto_edges(
 
 
 def _onto_latewood(
-    trace: Trace, strength: FloatArray, direction: FloatArray, frequency: npt.NDArray[Any]
+    trace: Trace, value: FloatArray, direction: FloatArray, frequency: npt.NDArray[Any]
 ) -> Trace:
     """Trace moved from the steepest point of its step to the latewood inside."""
     angle = _sample(direction, trace.points)
-    inwards = latewood_foot(strength, trace.points, angle, 1.0 / _sample(frequency, trace.points), trace.closed)
+    inwards = latewood_foot(value, trace.points, angle, 1.0 / _sample(frequency, trace.points), trace.closed)
     step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * inwards[:, None]
     return replace(trace, points=trace.points - step)
 

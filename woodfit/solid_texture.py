@@ -225,6 +225,8 @@ class SolidTexture:
                 arrays["grid_height"],
                 bool(attributes.pop("azimuth_wraps")),
             )
+            _check_shapes(arrays, grid)
+            size = attributes.pop("pixel_size_mm")
             return cls(
                 arrays["board_to_tree"],
                 grid,
@@ -233,8 +235,25 @@ class SolidTexture:
                 arrays["color_strip"],
                 arrays["lateness_strip"],
                 int(attributes.pop("samples_per_ring")),
-                attributes.pop("pixel_size_mm"),
+                None if size is None else float(size),
                 attributes,
             )
         except KeyError as missing:
             raise zarr_zip.TextureFileError(f"{path}: the texture lacks {missing}") from None
+        except (TypeError, ValueError) as wrong:
+            raise zarr_zip.TextureFileError(f"{path}: the texture is damaged ({wrong})") from None
+
+
+def _check_shapes(arrays: dict[str, npt.NDArray[Any]], grid: CylinderGrid) -> None:
+    """Raise `ValueError` when the arrays of a file do not fit each other."""
+    samples, rings = max(2, len(arrays["color_strip"])), max(2, len(arrays["ring_radius"]))
+    expected = {
+        "board_to_tree": (4, 4),
+        "displacement": tuple(max(2, n) for n in grid.shape),
+        "ring_radius": (rings,),
+        "color_strip": (samples, 3),
+        "lateness_strip": (samples,),
+    }
+    for name, shape in expected.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"`{name}` has shape {arrays[name].shape}, expected {shape}")

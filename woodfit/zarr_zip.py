@@ -10,6 +10,7 @@ import gzip
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 _TYPES = {"float32": "<f4", "float64": "<f8", "int32": "<i4", "int64": "<i8", "uint8": "|u1"}
+
+#: What broken or foreign files make the libraries raise (RuntimeError: encrypted or packed in an unknown way).
+_UNREADABLE = (OSError, zipfile.BadZipFile, zlib.error, KeyError, ValueError, TypeError, EOFError, RuntimeError)
 
 #: A texture of a large scan has some tens of MB; far more is not one of ours.
 _MOST_BYTES = 2_000_000_000
@@ -40,7 +44,16 @@ def write(path: Path, arrays: Mapping[str, npt.NDArray[Any]], attributes: Mappin
         Attributes of the group; anything JSON can say.
     """
     temporary = path.with_name(path.name + ".partial")
-    with zipfile.ZipFile(temporary, "w", zipfile.ZIP_STORED) as file:
+    try:
+        _write(temporary, arrays, attributes)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    temporary.replace(path)
+
+
+def _write(path: Path, arrays: Mapping[str, npt.NDArray[Any]], attributes: Mapping[str, Any]) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as file:
         group = {"zarr_format": 3, "node_type": "group", "attributes": dict(attributes)}
         _put(file, "zarr.json", json.dumps(group, indent=1).encode())
         for name, values in arrays.items():
@@ -65,7 +78,6 @@ def write(path: Path, arrays: Mapping[str, npt.NDArray[Any]], attributes: Mappin
             _put(file, f"{name}/zarr.json", json.dumps(meta, indent=1).encode())
             data = array.astype(_TYPES[array.dtype.name]).tobytes()
             _put(file, f"{name}/{chunk}", gzip.compress(data, compresslevel=6, mtime=0))
-    temporary.replace(path)
 
 
 def _put(file: zipfile.ZipFile, name: str, data: bytes) -> None:
@@ -91,7 +103,7 @@ def read(path: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
             return arrays, dict(group["attributes"])
     except FileNotFoundError:
         raise TextureFileError(f"{path}: there is no such file") from None
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError, EOFError) as error:
+    except _UNREADABLE as error:
         raise TextureFileError(
             f"{path}: not a readable solid texture ({error}); expected a Zarr v3 group in a zip, as SolidTexture.save "
             "writes it"
@@ -101,8 +113,8 @@ def read(path: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
 def _array(file: zipfile.ZipFile, name: str, meta: Mapping[str, Any]) -> npt.NDArray[Any]:
     shape, kind = tuple(int(n) for n in meta["shape"]), _TYPES[meta["data_type"]]
     size = int(np.prod(shape, dtype=np.float64)) * np.dtype(kind).itemsize
-    if size > _MOST_BYTES:
-        raise ValueError(f"array `{name}` claims {size} bytes")
+    if min(shape, default=0) < 0 or size > _MOST_BYTES:
+        raise ValueError(f"array `{name}` claims the shape {shape}")
     packed = file.read("/".join([name, "c", *["0"] * len(shape)]))
     with gzip.GzipFile(fileobj=io.BytesIO(packed)) as stream:
         data = stream.read(size + 1)

@@ -1,0 +1,425 @@
+"""The stages on small scenes with known truth: contract, chain from photograph to texture, laziness, the user's word.
+
+In the order of the data: scan, orientation, curved_gabor, ring_tracing, pose, initial_distortion, phase_polishing,
+color_map.
+"""
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+import xarray as xr
+from kernel_scenes import Array, wrapped
+from pydantic import ValidationError
+from scipy.ndimage import map_coordinates
+
+from stages import STAGES
+from stages.color_map import ColorMapParams, color_map
+from stages.curved_gabor import curved_gabor
+from stages.initial_distortion import InitialDistortionParams, initial_distortion
+from stages.orientation import orientation
+from stages.phase_polishing import phase_polishing
+from stages.polylines import polylines_of
+from stages.pose import PoseParams, pose
+from stages.products import solid_texture_of, write_rings, write_texture
+from stages.ring_tracing import RingTracingParams, ring_tracing
+from stages.scan import ScanParams, scan
+from stages.stage import ContractError, Params, Stage, Variable, check_variables, like_image, scalar, stage
+from woodfit import SolidTexture, photograph
+from woodfit.color_strip import psnr_blurred
+from woodfit.synthetic_scenes import Scene, scene
+
+SIZE = (300, 320)
+SCENES = ("quarter_sawn", "end_grain_pith")
+each_stage = pytest.mark.parametrize("one", STAGES, ids=lambda one: one.name)
+each_scene = pytest.mark.parametrize("name", SCENES)
+
+
+def source(encoded: Array, pixel_size_mm: float = np.nan) -> xr.Dataset:
+    """What the pipeline reads from a file."""
+    height, width = encoded.shape[:2]
+    one = {"units": "1"}
+    return xr.Dataset(
+        {
+            "encoded": (("y", "x", "channel"), encoded, one),
+            "opaque": (("y", "x"), np.ones((height, width), bool), one),
+            "dpi_pixel_size": ((), pixel_size_mm, {"units": "mm"}),
+        },
+        coords={"y": np.arange(height, dtype=float), "x": np.arange(width, dtype=float)},
+    )
+
+
+def added(ds: xr.Dataset, result: xr.Dataset) -> xr.Dataset:
+    """The dataset that the next stage sees."""
+    return ds.assign(result.data_vars).assign_coords(result.coords)
+
+
+@cache
+def drawn(name: str) -> Scene:
+    return scene(name, SIZE, 0)
+
+
+@cache
+def chain(name: str) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
+    """All variables after the last stage, and what each stage gave; on the way, that no stage touched its input."""
+    ds, given = source(drawn(name).face.rgb_encoded), {}
+    for one in STAGES:
+        before = ds.copy(deep=True)
+        given[one.name] = one(ds, one.params_type())
+        xr.testing.assert_identical(ds, before)
+        ds = added(ds, given[one.name])
+    return ds, given
+
+
+# --- the contract ----------------------------------------------------------------------------------------------------
+
+LENGTH = Variable("length", ("y", "x"), "f", "px", "A length.")
+COUNT = Variable("count", (), "iu", "1", "A count.")
+
+
+@each_stage
+def test_a_stage_says_all_that_it_misses_at_once(one: Stage) -> None:
+    with pytest.raises(ContractError) as caught:
+        one(xr.Dataset(), one.params_type())
+    first, *rest = str(caught.value).splitlines()
+    assert first == f"Stage `{one.name}` cannot start:"
+    assert rest == sorted(f"  - `{v.name}` is missing ({v.doc})" for v in one.requires)
+
+
+def test_wrong_dims_dtype_and_units_are_told_together() -> None:
+    ds = xr.Dataset({"length": (("x", "y"), np.zeros((2, 3), int)), "count": ((), 2.0, {"units": "px"})})
+    with pytest.raises(ContractError) as caught:
+        check_variables(ds, (LENGTH, COUNT), "Stage `saw` cannot start")
+    assert str(caught.value).splitlines() == [
+        "Stage `saw` cannot start:",
+        "  - `count` has dtype float64, expected a kind among 'iu'",
+        "  - `count` has units 'px', expected '1'",
+        "  - `length` has dims ('x', 'y'), expected ('y', 'x')",
+        "  - `length` has dtype int64, expected a kind among 'f'",
+        "  - `length` has units None, expected 'px'",
+    ]
+
+
+class NoParams(Params):
+    """Nothing to set."""
+
+
+def saw(**kept: xr.DataArray) -> Stage:
+    """A stage that returns what it is told to."""
+
+    @stage(requires=(), provides=(COUNT,), version=1, params=NoParams)
+    def inner(ds: xr.Dataset, params: NoParams) -> xr.Dataset:
+        """Saw."""
+        return xr.Dataset(dict(kept))
+
+    return inner
+
+
+def test_a_stage_must_keep_its_promise() -> None:
+    with pytest.raises(ContractError, match="broke its promise:\n  - `count` is missing"):
+        saw()(xr.Dataset(), NoParams())
+
+
+def test_a_stage_must_not_return_more_than_it_declares() -> None:
+    good, more = COUNT.array(np.int64(3)), LENGTH.array(np.zeros((2, 2)))
+    assert int(saw(count=good)(xr.Dataset(), NoParams())["count"]) == 3
+    with pytest.raises(ContractError, match="undeclared variables: length"):
+        saw(count=good, length=more)(xr.Dataset(), NoParams())
+
+
+def test_the_checks_read_no_values() -> None:
+    import dask
+    import dask.array as da
+
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise AssertionError("a value was computed")
+
+    with dask.config.set(scheduler=refuse):
+        check_variables(xr.Dataset({"length": LENGTH.array(da.zeros((4, 4), chunks=2))}), (LENGTH,), "who")
+
+
+@each_stage
+def test_parameters_are_frozen_and_unknown_ones_refused(one: Stage) -> None:
+    params = one.params_type()
+    with pytest.raises(ValidationError, match="frozen"):
+        setattr(params, next(iter(one.params_type.model_fields)), 1)
+    with pytest.raises(ValidationError, match="extra"):
+        one.params_type(no_such_parameter=1)
+
+
+def test_images_keep_the_coordinates_of_their_source() -> None:
+    ds = xr.Dataset(coords={"y": [0.5, 2.5], "x": [0.5, 2.5, 4.5]})
+    made = like_image(ds, {LENGTH: np.ones((2, 3))})
+    xr.testing.assert_equal(made["length"].x, ds.x)
+    assert made["length"].attrs == {"units": "px", "long_name": "A length."}
+    assert scalar(xr.Dataset({"count": COUNT.array(np.int64(7))}), COUNT) == 7.0
+
+
+# --- from the photograph to the texture ------------------------------------------------------------------------------
+
+
+@each_stage
+@each_scene
+def test_a_stage_returns_what_it_declares_with_meaning_and_finite(one: Stage, name: str) -> None:
+    result = chain(name)[1][one.name]
+    assert set(result.data_vars) == {variable.name for variable in one.provides}
+    for variable in one.provides:
+        array = result[variable.name]
+        assert variable.problems(result) == []
+        assert array.attrs["long_name"] == variable.doc
+        if array.dtype.kind in "fc" and variable.name != "pixel_size":
+            assert np.isfinite(array.values).all(), variable.name
+
+
+@each_scene
+def test_the_ring_age_of_the_face_is_the_true_one(name: str) -> None:
+    ds, _ = chain(name)
+    wrong = ds["face_age"].values - drawn(name).face.age
+    # A face without pith does not tell how many rings lie inside: whole years are free there.
+    years = 0.0 if name == "end_grain_pith" else np.round(np.median(wrong))
+    assert (np.abs(wrong - years) < 0.15).mean() >= 0.9
+
+
+@each_scene
+def test_the_texture_gives_the_photograph_back(name: str) -> None:
+    ds, _ = chain(name)
+    texture = solid_texture_of(ds)
+    x, y = np.meshgrid(ds.x.values, ds.y.values)
+    wood = texture.evaluate(np.stack([x, y, np.zeros_like(x)], axis=-1))
+    assert psnr_blurred(wood.rgb, ds["rgb"].values, ds["valid"].values) >= 25.0
+    # A single color does not: what is tested can be missed.
+    flat = np.broadcast_to(ds["rgb"].values.mean(axis=(0, 1)), wood.rgb.shape)
+    assert psnr_blurred(flat, ds["rgb"].values, ds["valid"].values) < 25.0
+    npt.assert_allclose(wood.ring_age, ds["face_age"].values, atol=2e-3)
+    npt.assert_allclose(wood.rgb, ds["rendered"].values, atol=5e-3)
+
+
+@each_scene
+def test_traced_boundaries_lie_on_true_ones(name: str) -> None:
+    ds, _ = chain(name)
+    age = true_age_at(name, ds["ring_x"].values, ds["ring_y"].values)
+    assert np.percentile(np.abs(age - np.round(age)), 90) < 0.12
+    assert np.sum(ds["vertex_count"].values) == ds.sizes["vertex"]
+
+
+def true_age_at(name: str, x: Array, y: Array) -> Array:
+    return np.asarray(map_coordinates(drawn(name).face.age.astype(float), [y, x], order=1, mode="nearest"))
+
+
+@each_scene
+def test_the_ring_phase_is_that_of_the_true_age(name: str) -> None:
+    ds, _ = chain(name)
+    off = np.abs(wrapped(ds["ring_phase"].values - 2 * np.pi * drawn(name).face.age))
+    assert np.median(off[ds["phase_confidence"].values > 0.5]) < 0.4
+
+
+def test_the_pith_in_the_picture_is_found() -> None:
+    ds, _ = chain("end_grain_pith")
+    point, direction = np.asarray(drawn("end_grain_pith").log.pith), np.asarray(drawn("end_grain_pith").log.direction)
+    matrix = ds["board_to_tree"].values
+    foot = matrix[:3, :3] @ (point - point[2] / direction[2] * direction) + matrix[:3, 3]
+    assert np.hypot(foot[0], foot[1]) < 8.0
+    npt.assert_allclose(matrix[:3, :3] @ matrix[:3, :3].T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
+
+
+@each_scene
+def test_radii_grow_and_the_polished_rings_do_not_fold(name: str) -> None:
+    ds, _ = chain(name)
+    assert ds["ring_radius"].values[0] == 0.0
+    assert np.diff(ds["ring_radius"].values).min() > 0.0
+    for field in ("displacement", "polished_displacement"):
+        assert ((ds[field] + ds["radius"]).diff("radius") > 0.0).all()
+
+
+@each_scene
+def test_polishing_brings_model_and_phase_together(name: str) -> None:
+    ds, _ = chain(name)
+    loss = ds["loss"].values
+    assert loss[-1] < 0.05
+    assert loss[-1] <= loss[0]
+    residual = wrapped(ds["ring_phase"].values - 2 * np.pi * ds["face_age"].values)
+    # Modulo a turn: at half a turn the two may land on either side.
+    npt.assert_allclose(wrapped(ds["phase_residual"].values - residual), 0.0, atol=1e-3)
+
+
+@each_scene
+def test_the_strip_has_a_place_for_every_age_of_the_face(name: str) -> None:
+    ds, _ = chain(name)
+    assert ds.sizes["strip"] % int(ds["samples_per_ring"]) == 0
+    assert ds["strip"].values[-1] > ds["face_age"].values.max()
+    assert ds["strip_support"].values.sum() > 0
+    assert 0.0 <= ds["lateness_strip"].values.min() <= ds["lateness_strip"].values.max() <= 1.0
+
+
+def test_the_color_map_has_as_many_samples_as_asked_for() -> None:
+    ds, given = chain("end_grain_pith")
+    coarse = color_map(ds.drop_dims("strip"), ColorMapParams(samples_per_ring=16))
+    assert coarse.sizes["strip"] * 4 == given["color_map"].sizes["strip"]
+    assert int(coarse["samples_per_ring"]) == 16
+    npt.assert_allclose(np.diff(coarse["strip"]), 1 / 16)
+
+
+def test_the_distortion_grid_keeps_to_its_bound() -> None:
+    ds, _ = chain("quarter_sawn")
+    ds = ds.drop_dims(["radius", "azimuth", "height"])
+    small = initial_distortion(ds, InitialDistortionParams(most_nodes=3000))
+    assert small["displacement"].size <= 3000
+    polished = phase_polishing(added(ds, small), phase_polishing.params_type())
+    wrong = polished["face_age"].values - drawn("quarter_sawn").face.age
+    assert (np.abs(wrong - np.round(np.median(wrong))) < 0.25).mean() > 0.9
+
+
+class Context:
+    """What the pipeline tells a product."""
+
+    scan, version = "folder/board.png", "0"
+
+
+def test_the_products_can_be_opened(tmp_path: Path) -> None:
+    ds, _ = chain("end_grain_pith")
+    write_texture(ds, tmp_path / "texture.zarr.zip", Context)
+    texture = SolidTexture.open(tmp_path / "texture.zarr.zip")
+    points = np.random.default_rng(0).uniform(0, 300, (500, 3))
+    npt.assert_array_equal(texture.evaluate(points).rgb, solid_texture_of(ds).evaluate(points).rgb)
+    assert (tmp_path / "texture.zarr.zip").stat().st_size < 1_000_000
+    write_rings(ds, tmp_path / "rings.json", Context)
+    document = json.loads((tmp_path / "rings.json").read_text())
+    assert (document["image"], document["size"], document["pixel_size_mm"]) == ("board.png", [320, 300], None)
+    lines, _ = polylines_of(ds)
+    assert len(document["rings"]) == len(lines)
+    for ring, line in zip(document["rings"], lines, strict=True):
+        npt.assert_allclose(ring["points"], line, atol=0.0051)
+
+
+# --- scan ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_a_scan_in_chunks_is_the_same_and_waits_until_it_is_asked(
+    reduction: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ds = source(drawn("quarter_sawn").face.rgb_encoded)
+    params = ScanParams(ring_width_px=16.0, reduction=reduction)
+    eager = scan(ds, params)
+    developed: list[int] = []
+    develop = photograph.develop
+
+    def watched(encoded: Any, opaque: Any) -> Any:
+        developed.append(encoded.size)
+        return develop(encoded, opaque)
+
+    monkeypatch.setattr(photograph, "develop", watched)
+    lazy = scan(ds.chunk({"y": 100, "x": 64}), params)
+    assert sum(developed) == 0
+    for name in ("rgb", "value", "valid"):
+        assert lazy[name].chunks is not None
+    computed = lazy.compute(scheduler="synchronous")
+    assert sum(developed) > 0
+    xr.testing.assert_allclose(computed, eager, atol=1e-6)
+    xr.testing.assert_equal(computed["valid"], eager["valid"])
+
+
+def test_rings_land_in_scan_px_at_reduced_resolution() -> None:
+    ds = scan(source(drawn("quarter_sawn").face.rgb_encoded), ScanParams(reduction=2))
+    for one in (orientation, curved_gabor, ring_tracing):
+        ds = added(ds, one(ds, one.params_type()))
+    npt.assert_array_equal(ds.x, np.arange(160) * 2 + 0.5)
+    npt.assert_array_equal(ds.y, np.arange(150) * 2 + 0.5)
+    assert int(ds["reduction"]) == 2
+    age = true_age_at("quarter_sawn", ds["ring_x"].values, ds["ring_y"].values)
+    assert np.percentile(np.abs(age - np.round(age)), 90) < 0.15
+    # Ring widths and frequencies stay those of the scan.
+    whole, _ = chain("quarter_sawn")
+    assert float(ds["ring_scale"]) == pytest.approx(float(whole["ring_scale"]), rel=0.2)
+    assert float(ds["frequency"].median()) == pytest.approx(float(whole["frequency"].median()), rel=0.1)
+
+
+def test_reduced_pixels_are_means_in_linear_light() -> None:
+    encoded = drawn("quarter_sawn").face.rgb_encoded
+    reduced = scan(source(encoded), ScanParams(reduction=3, ring_width_px=16.0))
+    linear = photograph.srgb_decode(encoded[:300, :318])
+    npt.assert_allclose(reduced["rgb"], linear.reshape(100, 3, 106, 3, 3).mean(axis=(1, 3)), atol=1e-5)
+    npt.assert_array_equal(reduced.y, np.arange(100) * 3 + 1.0)
+
+
+def test_the_users_scale_overrules_the_files() -> None:
+    ds = source(drawn("quarter_sawn").face.rgb_encoded, pixel_size_mm=0.0847)
+    found = scan(ds, ScanParams(ring_width_px=16.0))
+    assert float(found["pixel_size"]) == 0.0847
+    assert found.attrs["warnings"] == []
+    assert float(scan(ds, ScanParams(ring_width_px=16.0, pixel_size_mm=0.1))["pixel_size"]) == 0.1
+    assert "No scale is known" in chain("quarter_sawn")[1]["scan"].attrs["warnings"][0]
+
+
+def test_sixteen_bits_are_the_same_scan() -> None:
+    encoded = drawn("quarter_sawn").face.rgb_encoded
+    params = ScanParams(ring_width_px=16.0)
+    # 257 * 255 = 65535
+    xr.testing.assert_allclose(scan(source(encoded.astype(np.uint16) * 257), params), scan(source(encoded), params))
+
+
+def test_transparent_pixels_are_not_valid() -> None:
+    ds = source(drawn("quarter_sawn").face.rgb_encoded)
+    ds["opaque"][:, :80] = False
+    valid = scan(ds, ScanParams(ring_width_px=16.0))["valid"].values
+    assert not valid[:, :80].any()
+    assert valid[:, 90:].all()
+
+
+def test_a_scan_of_background_is_said_to_have_no_wood() -> None:
+    white = np.full((*SIZE, 3), 255, np.uint8)
+    found = scan(source(white), ScanParams(ring_width_px=16.0))
+    assert any("Hardly any wood" in said for said in found.attrs["warnings"])
+
+
+# --- tiles, and the user's word --------------------------------------------------------------------------------------
+
+
+def test_orientation_of_a_tile_with_its_halo_is_that_of_the_whole() -> None:
+    ds, given = chain("quarter_sawn")
+    params = orientation.params_type()
+    assert orientation.halo is not None
+    halo = orientation.halo(ds, params)
+    top, left = 110, 120
+    rows, cols = slice(top - halo, top + 40 + halo), slice(left - halo, left + 50 + halo)
+    assert rows.start >= 0
+    assert cols.stop <= SIZE[1]
+    tile = orientation(ds[["value", "valid", "ring_scale", "reduction"]].isel(y=rows, x=cols), params)
+    core = {"y": slice(halo, halo + 40), "x": slice(halo, halo + 50)}
+    wanted = given["orientation"].isel(y=slice(top, top + 40), x=slice(left, left + 50))
+    npt.assert_allclose(tile["coherence"].isel(core), wanted["coherence"], atol=1e-4)
+    turn = wrapped(2 * (tile["orientation"].isel(core).values - wanted["orientation"].values))
+    assert np.percentile(np.abs(turn), 99) < 0.01
+
+
+def test_the_users_pith_overrules_the_fit() -> None:
+    ds, _ = chain("quarter_sawn")
+    known = PoseParams(pith_x_px=-150.0, pith_y_px=140.0, pith_z_px=60.0, pith_tilt_deg=88.0, pith_azimuth_deg=85.0)
+    matrix = pose(ds, known)["board_to_tree"].values
+    npt.assert_allclose((matrix @ [-150.0, 140.0, 60.0, 1.0])[:2], 0.0, atol=1e-6)
+    tilt, azimuth = np.radians([88.0, 85.0])
+    wanted = [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
+    npt.assert_allclose(matrix[2, :3], wanted, atol=1e-9)
+
+
+def test_one_known_coordinate_leaves_the_others_to_the_fit() -> None:
+    ds, given = chain("end_grain_pith")
+    fitted, moved = given["pose"]["board_to_tree"].values, pose(ds, PoseParams(pith_x_px=99.0))["board_to_tree"].values
+    npt.assert_allclose(moved[2, :3], fitted[2, :3], atol=1e-6)
+    pith = np.linalg.inv(moved) @ [0.0, 0.0, 0.0, 1.0]
+    assert pith[0] == pytest.approx(99.0, abs=3.0)
+    assert pith[1] == pytest.approx((np.linalg.inv(fitted) @ [0.0, 0.0, 0.0, 1.0])[1], abs=3.0)
+
+
+def test_the_users_direction_of_growth_is_taken() -> None:
+    ds, given = chain("quarter_sawn")
+    found = bool(given["ring_tracing"]["bright_outwards"])
+    other = ring_tracing(ds, RingTracingParams(bright_outwards=not found))
+    assert bool(other["bright_outwards"]) is not found
+    turned = wrapped(other["growth_angle"].values - given["ring_tracing"]["growth_angle"].values)
+    assert np.median(np.abs(turned)) > 3.0
