@@ -258,13 +258,14 @@ def test_the_scale_of_the_weights_does_not_matter_to_what_is_found() -> None:
 
 def test_a_tenth_of_the_boundaries_may_be_wrong() -> None:
     grid, pixels, vertices, _ = polished()
-    rng = np.random.default_rng(5)
-    wrong = rng.random(len(vertices.target)) < 0.1
-    numbered = replace(vertices, target=vertices.target + wrong * rng.choice([-2.0, -1.0, 1.0, 2.0], len(wrong)))
+    # A stretch of the face where every boundary is taken for the next one: no average can help.
+    wrong = vertices.height <= 14.0
+    assert 0.08 < wrong.mean() < 0.12
+    numbered = replace(vertices, target=vertices.target + wrong)
     result = polish(grid, np.zeros(grid.shape), pixels, numbered, TABLE, STIFFNESS, 2.0)
     found = miss(grid, result.displacement, pixels, displaced)
-    assert np.median(found) < 0.15
-    assert np.percentile(found, 95) < 0.6
+    assert np.median(found) < 0.1
+    assert np.percentile(found[pixels.height <= 14.0], 90) < 1.0
 
 
 def test_boundaries_lead_where_the_phase_says_nothing() -> None:

@@ -106,8 +106,29 @@ def test_islands_inside_the_wood_stay_wood(background: int) -> None:
     assert found_in(picture(~disc(12.0), background)).all()
 
 
+@pytest.mark.parametrize("turns", range(4))
+def test_background_may_reach_any_one_edge(turns: int) -> None:
+    strip = np.zeros((100, 100), bool)
+    strip[:, :20] = True
+    strip[:5] = strip[-5:] = False
+    strip = np.rot90(strip, turns)
+    encoded = np.where(strip[..., None], 255, WOOD).astype(np.uint8)
+    found = wood_mask(encoded, np.ones(strip.shape, bool), 0.92, 0.06)
+    assert not found[strip].any()
+    assert found.mean() > 0.7
+
+
+def test_a_thin_scratch_does_not_let_the_background_in() -> None:
+    inside = ~disc(20.0)
+    inside[60, :75] = False
+    assert found_in(picture(inside, 255))[disc(16.0)].all()
+
+
 def test_bright_wood_with_color_is_not_background() -> None:
-    assert found_in(np.broadcast_to(np.array([255, 245, 222], np.uint8), (*SHAPE, 3)).copy()).all()
+    opaque = np.ones(SHAPE, bool)
+    for color, wood in (([255, 225, 190], True), ([225, 222, 218], False)):
+        encoded = np.broadcast_to(np.array(color, np.uint8), (*SHAPE, 3)).copy()
+        assert (wood_mask(encoded, opaque, 0.7, 0.06) == wood).all()
 
 
 def test_a_speck_at_the_edge_is_no_background() -> None:

@@ -256,6 +256,14 @@ def test_the_strip_has_a_place_for_every_age_of_the_face(name: str) -> None:
     assert 0.0 <= ds["lateness_strip"].values.min() <= ds["lateness_strip"].values.max() <= 1.0
 
 
+@each_scene
+def test_latewood_is_found_where_it_is(name: str) -> None:
+    ds, _ = chain(name)
+    found = np.interp(ds["face_age"].values, ds["strip"].values, ds["lateness_strip"].values)
+    true = drawn(name).log.palette.lateness(drawn(name).face.age.astype(float))
+    assert np.corrcoef(found.ravel(), true.ravel())[0, 1] > 0.7
+
+
 def test_the_color_map_has_as_many_samples_as_asked_for() -> None:
     ds, given = chain("end_grain_pith")
     coarse = color_map(ds.drop_dims("strip"), ColorMapParams(samples_per_ring=16))
@@ -337,6 +345,13 @@ def test_rings_land_in_scan_px_at_reduced_resolution() -> None:
     whole, _ = chain("quarter_sawn")
     assert float(ds["ring_scale"]) == pytest.approx(float(whole["ring_scale"]), rel=0.2)
     assert float(ds["frequency"].median()) == pytest.approx(float(whole["frequency"].median()), rel=0.1)
+
+
+def test_where_the_pixels_lie_is_where_the_rings_lie() -> None:
+    ds, given = chain("quarter_sawn")
+    moved = ring_tracing(ds.assign_coords(x=ds.x + 1000.0, y=ds.y + 50.0), RingTracingParams())
+    npt.assert_allclose(moved["ring_x"], given["ring_tracing"]["ring_x"] + 1000.0, atol=1e-6)
+    npt.assert_allclose(moved["ring_y"], given["ring_tracing"]["ring_y"] + 50.0, atol=1e-6)
 
 
 def test_reduced_pixels_are_means_in_linear_light() -> None:
