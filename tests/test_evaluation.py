@@ -28,9 +28,11 @@ def contours(age: NDArray[np.float32]) -> list[dict[str, Any]]:
             points = (np.asarray(outline, dtype=float).reshape(-1, 2) + 0.5) / 8 - 0.5
             low, high = points.min(axis=1), (points - np.array(age.shape[::-1])).max(axis=1)
             inside = np.asarray((low > 0.1) & (high < -1.1), dtype=bool)
-            for run in np.split(np.arange(len(points)), np.flatnonzero(np.diff(inside)) + 1):
-                if inside[run[0]] and len(run) > 1:
-                    rings.append({"id": level, "confidence": 1.0, "closed": False, "points": points[run].tolist()})
+            rings += [
+                {"id": level, "confidence": 1.0, "closed": False, "points": points[run].tolist()}
+                for run in np.split(np.arange(len(points)), np.flatnonzero(np.diff(inside)) + 1)
+                if inside[run[0]] and len(run) > 1
+            ]
     return rings
 
 

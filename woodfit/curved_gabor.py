@@ -177,7 +177,8 @@ def find_frequency(
     prior = np.exp(-0.5 * (np.log2(bank * ring_scale_px) / 2.0) ** 2)
     evidence = np.abs(response) ** 2 * explained * prior
     evidence = evidence.T.reshape(bank.size, grid_rows.size, grid_cols.size)
-    chosen, _ = frequency_field.smooth_frequency(evidence, bank, 0.8 * ring_scale_px / step, 0.15 * step / ring_scale_px)
+    ring_cells = ring_scale_px / step
+    chosen, _ = frequency_field.smooth_frequency(evidence, bank, 0.8 * ring_cells, 0.15 / ring_cells)
     sigma = 0.5 * ring_scale_px / step
     size = 2 * math.ceil(3.0 * sigma) + 1
     chosen = np.exp(cv2.GaussianBlur(np.log(chosen), (size, size), sigma, borderType=cv2.BORDER_REFLECT_101))

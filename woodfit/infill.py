@@ -66,7 +66,7 @@ def _stretches(mask: npt.NDArray[np.bool_], shortest: int = 12) -> list[tuple[in
     closed = mask.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[1], mask.astype(np.int8), [1]])))
     for start, end in zip(edges[::2], edges[1::2], strict=True):
-        if 0 < start and end < len(mask) and end - start <= 4:
+        if start > 0 and end < len(mask) and end - start <= 4:
             closed[start:end] = True
     edges = np.flatnonzero(np.diff(np.concatenate([[0], closed.astype(np.int8), [0]])))
     return [(int(s), int(e)) for s, e in zip(edges[::2], edges[1::2], strict=True) if e - s >= shortest]

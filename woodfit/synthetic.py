@@ -162,8 +162,7 @@ class Log:
 
     @cached_property
     def _grain(self) -> NDArray[np.float32]:
-        noise = np.random.default_rng(self.seed).standard_normal((96, 96, 48), dtype=np.float32)
-        return noise
+        return np.random.default_rng(self.seed).standard_normal((96, 96, 48), dtype=np.float32)
 
     def tree(self, points: ArrayLike) -> Floats:
         """Points (..., 3) of the board frame in the tree frame (x, y across, z along the pith), px."""
