@@ -18,6 +18,10 @@ import numpy.typing as npt
 from numba import njit
 
 
+#: Stands for a phase that is not known.
+_UNKNOWN = 1e6
+
+
 @dataclass(frozen=True)
 class Order:
     """Indices of traced boundaries.
@@ -43,6 +47,7 @@ def _meet(
     grow_x: npt.NDArray[np.float32],
     grow_y: npt.NDArray[np.float32],
     frequency: npt.NDArray[np.float32],
+    phase: npt.NDArray[np.float32],
     valid: npt.NDArray[np.bool_],
     x: float,
     y: float,
@@ -52,12 +57,15 @@ def _meet(
 ) -> tuple[int, float, float, bool]:  # pragma: no cover - compiled
     """Walk across the rings to the next boundary.
 
-    Returns the boundary met (0 for none), the cycles and the way passed, and whether growth reversed.
+    Returns the boundary met (0 for none), the cycles and the way passed, and whether growth reversed. The cycles are
+    those of the phase, unless they contradict the frequency.
     """
     height, width = labels.shape
     ix, iy = int(x + 0.5), int(y + 0.5)
     hx, hy = outwards * grow_x[iy, ix], outwards * grow_y[iy, ix]
     cycles = 0.0
+    turns = 0.0
+    before = phase[iy, ix]
     way = 0.0
     reversed_growth = False
     step = 0.7
@@ -71,8 +79,13 @@ def _meet(
         if not valid[iy, ix]:
             return 0, cycles, way, reversed_growth
         cycles += step * frequency[iy, ix]
+        change = (phase[iy, ix] - before) / (2.0 * np.pi)
+        turns += outwards * (change - np.round(change))
+        before = phase[iy, ix]
         met = labels[iy, ix]
         if met > 0 and (met != own or reversed_growth):
+            if before < 0.5 * _UNKNOWN and abs(turns - cycles) < 0.8:
+                cycles = turns
             return met, cycles, way, reversed_growth
         gx, gy = outwards * grow_x[iy, ix], outwards * grow_y[iy, ix]
         if reversed_growth:
@@ -115,10 +128,11 @@ def distance_outwards(
     """Next boundary outwards from each point (its number, 0 for none) and the way there in pixels."""
     grow_x, grow_y = np.cos(growth).astype(np.float32), np.sin(growth).astype(np.float32)
     freq = np.ascontiguousarray(frequency, np.float32)
+    unknown = np.full(labels.shape, _UNKNOWN, np.float32)
     top = np.array([labels.shape[1] - 1, labels.shape[0] - 1])
     met, way = np.zeros(len(points), np.int64), np.zeros(len(points))
     for i, (x, y) in enumerate(np.clip(points, 0, top)):
-        number, _, passed, turned = _meet(labels, grow_x, grow_y, freq, valid, x, y, own, 1.0, 3.0)
+        number, _, passed, turned = _meet(labels, grow_x, grow_y, freq, unknown, valid, x, y, own, 1.0, 3.0)
         met[i], way[i] = (0, 0.0) if turned else (number, passed)
     return met, way
 
@@ -128,23 +142,28 @@ def _votes(
     closed: Sequence[bool],
     growth: npt.NDArray[Any],
     frequency: npt.NDArray[Any],
+    phase: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
 ) -> dict[tuple[int, int, int], float]:
     """Weight of each vote (a, b, n): the index of b is n more than that of a."""
     labels = draw_labels(polylines, closed, growth.shape)
     grow_x, grow_y = np.cos(growth).astype(np.float32), np.sin(growth).astype(np.float32)
     freq = np.ascontiguousarray(frequency, np.float32)
+    wave = np.ascontiguousarray(phase, np.float32)
     height, width = growth.shape
     votes: dict[tuple[int, int, int], float] = {}
     for number, points in enumerate(polylines, start=1):
         for x, y in points[:: max(1, min(4, len(points) // 12))]:
             x, y = float(np.clip(x, 0, width - 1)), float(np.clip(y, 0, height - 1))
             for outwards in (1.0, -1.0):
-                met, cycles, _, turned = _meet(labels, grow_x, grow_y, freq, valid, x, y, number, outwards, 4.6)
+                met, cycles, _, turned = _meet(
+                    labels, grow_x, grow_y, freq, wave, valid, x, y, number, outwards, 4.6
+                )
                 if met == 0 or met == number:
                     continue
-                # A ring may be half as wide again as its neighbours; only nearly two cycles say that one was missed.
-                apart = 0 if turned else max(1, int(cycles + 0.25))
+                # A ring may be half as wide again as its neighbours: it takes most of a second cycle to say that one
+                # was missed.
+                apart = 0 if turned else max(1, int(cycles + 0.35))
                 # Counting one ring is certain, counting several less and less so.
                 weight = 0.3 if turned else 1.0 / max(1.0, cycles) ** 2
                 a, b = (number, met) if outwards > 0 else (met, number)
@@ -159,6 +178,7 @@ def order_rings(
     growth: npt.NDArray[Any],
     frequency: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
+    phase: npt.NDArray[Any] | None = None,
 ) -> Order:
     """Give every boundary its index.
 
@@ -172,13 +192,16 @@ def order_rings(
         Outward direction in rad, rings per pixel.
     valid : bool array of shape (M, N)
         The wood.
+    phase : array of shape (M, N), optional
+        Ring phase in rad; counts the rings between boundaries better than the frequency alone.
 
     Returns
     -------
     Order
     """
     count = len(polylines)
-    votes = _votes(polylines, closed, growth, frequency, valid)
+    wave = np.full(growth.shape, _UNKNOWN, np.float32) if phase is None else phase
+    votes = _votes(polylines, closed, growth, frequency, wave, valid)
     parent = list(range(count))
     offset = [0] * count
 

@@ -171,7 +171,7 @@ def find_rings(
     if growth.bright_outwards:
         along, _ = smooth_along(value, valid, orientation, 9, 3.0)
         kept = [_onto_latewood(trace, along, growth.direction, frequency) for trace in kept]
-    order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid)
+    order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid, phase)
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
     return Rings(
@@ -239,14 +239,19 @@ def _weighted_median(values: npt.NDArray[np.float64], weights: npt.NDArray[np.fl
 
 
 def _without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: FloatArray) -> list[Trace]:
-    """Drop boundaries whose wave or edge is a small part of what the face's boundaries have: fibre in a wide ring."""
+    """Drop boundaries whose wave is a small part of what the face's boundaries have: fibre in a wide ring.
+
+    A faint edge is believed where the wave goes on strongly: a pale ring among clear ones is still a ring.
+    """
     if len(traces) < 4:
         return traces
     length = np.array([len(t.points) for t in traces], np.float64)
-    keep = np.ones(len(traces), bool)
-    for image, share in ((np.abs(response), 0.2), (np.maximum(strength, 0.0), 0.15)):
-        typical = np.array([float(np.median(_sample(image, t.points))) for t in traces])
-        keep &= typical >= share * _weighted_median(typical, length)
+    wave, edge = (
+        typical / max(_weighted_median(typical, length), 1e-12)
+        for image in (np.abs(response), np.maximum(strength, 0.0))
+        for typical in [np.array([float(np.median(_sample(image, t.points))) for t in traces])]
+    )
+    keep = (wave >= 0.2) & ((edge >= 0.15) | (wave >= 0.6))
     return [t for t, good in zip(traces, keep, strict=True) if good]
 
 
