@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-
 #: Stands for a phase that is not known.
 _UNKNOWN = 1e6
 
