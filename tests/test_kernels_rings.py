@@ -330,7 +330,8 @@ def test_drawn_rings_are_found_on_their_edges_with_their_numbers() -> None:
         shift.add(round(float(np.median(at))) - int(index))
     assert len(shift) == 1
     across = line_crossings([t.points for t in rings.traces], [0.0, 100.0], [259.0, 100.0])
-    npt.assert_allclose(across, np.arange(4, 20) * 16.0 - 60.0, atol=0.6)
+    # Boundaries lie on the latewood's edge, up to half a pixel inside the steepest point.
+    npt.assert_allclose(across, np.arange(4, 20) * 16.0 - 60.0, atol=1.0)
     assert np.percentile(np.abs(wrapped(rings.phase - 2 * np.pi * age)), 95) < np.pi / 4
     assert (np.cos(rings.growth.direction - outwards) > 0.9).mean() > 0.99
 

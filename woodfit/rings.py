@@ -171,6 +171,7 @@ def find_rings(
     if growth.bright_outwards:
         along, _ = smooth_along(value, valid, orientation, 9, 3.0)
         kept = [_onto_latewood(trace, along, growth.direction, frequency) for trace in kept]
+    kept = _apart(kept, valid.shape)
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid, phase)
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
@@ -273,6 +274,28 @@ def _without_doubles(traces: list[Trace], frequency: npt.NDArray[Any]) -> list[T
                 trace = _longest_free(trace, ~near)
                 if len(trace.points) < 4:
                     continue
+        cv2.polylines(taken, [np.round(trace.points * 16).astype(np.int32)], trace.closed, 0, 1, shift=4)
+        kept.append(trace)
+    return kept
+
+
+def _apart(traces: list[Trace], shape: tuple[int, ...], least_px: float = 1.8) -> list[Trace]:
+    """Traces cut where moving brought them onto a surer one: no two may cross.
+
+    Vertices are a pixel apart and the drawn lines half a pixel off at most, so lines that cross have vertices nearer
+    than `least_px`.
+    """
+    order = sorted(range(len(traces)), key=lambda i: (-float(traces[i].confidence.sum()), i))
+    taken = np.full(shape, 255, np.uint8)
+    kept: list[Trace] = []
+    for i in order:
+        trace = traces[i]
+        if kept:
+            near = _sample(cv2.distanceTransform(taken, cv2.DIST_L2, 5), trace.points) < least_px
+            if near.any():
+                trace = _longest_free(trace, ~near)
+        if len(trace.points) < 4:
+            continue
         cv2.polylines(taken, [np.round(trace.points * 16).astype(np.int32)], trace.closed, 0, 1, shift=4)
         kept.append(trace)
     return kept
