@@ -140,7 +140,10 @@ def start_executor(scheduler: str, workers: int, threads: int, preload: tuple[st
     if scheduler == "threads":
         return ThreadExecutor(workers * threads)
     if not debug:
-        for name in ("distributed", "distributed.nanny", "distributed.worker", "tornado.application", "asyncio"):
+        import distributed  # noqa: F401  importing it sets its loggers' levels, so it comes first
+
+        theirs = ("distributed", "distributed.batched", "distributed.nanny", "distributed.worker")
+        for name in (*theirs, "tornado.application", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler == "local":
         return DaskExecutor.local(workers, threads, preload, debug)
