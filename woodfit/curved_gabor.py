@@ -204,10 +204,8 @@ def refine_orientation(
             opposed = np.cos(np.roll(normal, -1 if other is ahead else 1, axis) - normal) < 0.0
             other[opposed] = other[opposed].conj()
         rate = np.angle(ahead * behind.conj()) / 2.0
-        edge = [slice(None), slice(None)]
-        for where in (0, -1):
-            edge[axis] = where  # type: ignore[call-overload]
-            rate[tuple(edge)] = 0.0
+        # Neighbours across the picture's edge are not neighbours.
+        np.moveaxis(rate, axis, 0)[[0, -1]] = 0.0
         return np.asarray(rate, dtype=np.float32)
 
     gx, gy = change(1), change(0)

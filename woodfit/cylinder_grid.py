@@ -42,7 +42,8 @@ class CylinderGrid:
     @property
     def steps(self) -> tuple[float, float, float]:
         """Spacing in px, rad and px."""
-        return tuple(float(axis[1] - axis[0]) for axis in (self.radius, self.azimuth, self.height))  # type: ignore[return-value]
+        radius, azimuth, height = (float(axis[1] - axis[0]) for axis in (self.radius, self.azimuth, self.height))
+        return radius, azimuth, height
 
 
 def cylindrical(points: npt.NDArray[Any], board_to_tree: npt.NDArray[Any]) -> tuple[Floats, Floats, Floats]:
