@@ -1,0 +1,1 @@
+"""Dendrochronology over arrays: dated series of ring widths, and the files that its programs exchange."""
