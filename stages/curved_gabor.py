@@ -24,6 +24,7 @@ from stages.variables import (
     RING_SCALE,
     VALID,
     VALUE,
+    VESSEL_SCALE,
 )
 
 if TYPE_CHECKING:
@@ -36,14 +37,15 @@ class CurvedGaborParams(Params):
     p: PositiveInt = 80
     """Half size of the curved region across the rings, analysed px."""
 
-    q: PositiveInt = 80
-    """Half size of the curved region along the rings, analysed px."""
+    q: PositiveInt | None = None
+    """Half size of the curved region along the rings, analysed px; by default three standard deviations."""
 
-    sigma_along: PositiveFloat = 27.0
-    """Standard deviation of the window along the rings, analysed px."""
+    sigma_along: PositiveFloat | None = None
+    """Standard deviation of the window along the rings, analysed px; by default 0.35 ring widths, 10 to 27 px."""
 
-    cycles: PositiveFloat = 0.5
-    """Standard deviation of the window across the rings, wavelengths."""
+    cycles: PositiveFloat | None = None
+    """Standard deviation of the window across the rings, wavelengths; by default 0.5, or 0.4 where the rings are
+    sought in the density of vessels, which is a narrow peak in each."""
 
     narrowest_rings: float = Field(default=0.125, gt=0.0, le=1.0)
     """Narrowest ring looked for, in characteristic ring widths (never under three analysed px)."""
@@ -52,20 +54,23 @@ class CurvedGaborParams(Params):
     """Widest ring looked for, in characteristic ring widths (never over two regions)."""
 
 
-def _region(params: CurvedGaborParams) -> Region:
+def _region(ds: xr.Dataset, params: CurvedGaborParams) -> Region:
     from woodfit.curved_gabor import Region
 
-    return Region(params.p, params.q, params.sigma_along, params.cycles)
+    ring = scalar(ds, RING_SCALE) / scalar(ds, REDUCTION)
+    sigma = params.sigma_along or float(np.clip(0.35 * ring, 10.0, 27.0))
+    cycles = params.cycles or (0.4 if scalar(ds, VESSEL_SCALE) else 0.5)
+    return Region(params.p, params.q or int(np.ceil(3.0 * sigma)), sigma, cycles)
 
 
 def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
     from woodfit import curved_gabor as gabor
 
-    return gabor.halo(scalar(ds, RING_SCALE) / scalar(ds, REDUCTION), _region(params))
+    return gabor.halo(scalar(ds, RING_SCALE) / scalar(ds, REDUCTION), _region(ds, params))
 
 
 @stage(
-    requires=(VALUE, VALID, ORIENTATION, RING_SCALE, REDUCTION),
+    requires=(VALUE, VALID, ORIENTATION, RING_SCALE, REDUCTION, VESSEL_SCALE),
     provides=(
         RESPONSE,
         MAGNITUDE,
@@ -77,7 +82,7 @@ def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
         CURVATURE,
         RING_ORIENTATION,
     ),
-    version=1,
+    version=2,
     params=CurvedGaborParams,
     halo=_halo,
 )
@@ -92,7 +97,7 @@ def curved_gabor(ds: xr.Dataset, params: CurvedGaborParams) -> xr.Dataset:
         ds[VALID.name].values,
         ds[ORIENTATION.name].values,
         ring,
-        _region(params),
+        _region(ds, params),
         max(3.0, params.narrowest_rings * ring),
         min(2.0 * params.p, params.widest_rings * ring),
     )

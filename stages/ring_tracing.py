@@ -6,10 +6,12 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from stages.stage import Params, scalar, stage
+from stages.stage import InputFile, Params, scalar, stage
 from stages.variables import (
     ASYMMETRY,
     BRIGHT_OUTWARDS,
+    CORRECTED_LATEWOOD_X,
+    CORRECTED_LATEWOOD_Y,
     EXPLAINED,
     FREQUENCY,
     GRAIN_RATIO,
@@ -32,6 +34,7 @@ from stages.variables import (
     VALUE,
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
+    VESSEL_SCALE,
 )
 
 
@@ -53,6 +56,9 @@ class RingTracingParams(Params):
     shortest_rings: PositiveFloat = 2.0
     """Shortest trace kept, in local ring widths."""
 
+    corrected: tuple[InputFile, ...] = ()
+    """Files in which a person marked boundaries along paths: CooRecorder's .pos, or a table of boundaries."""
+
 
 @stage(
     requires=(
@@ -66,6 +72,7 @@ class RingTracingParams(Params):
         RING_ORIENTATION,
         RING_SCALE,
         REDUCTION,
+        VESSEL_SCALE,
     ),
     provides=(
         RING_X,
@@ -82,13 +89,16 @@ class RingTracingParams(Params):
         BRIGHT_OUTWARDS,
         GROWTH_SURENESS,
         GRAIN_RATIO,
+        CORRECTED_LATEWOOD_X,
+        CORRECTED_LATEWOOD_Y,
     ),
     version=1,
     params=RingTracingParams,
 )
 def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
     """Trace the ring boundaries, move them onto their edges and number them outwards."""
-    from woodfit import rings
+    from woodfit import correction, rings
+    from woodfit.dendro.marked_files import read_marked_paths
 
     step = scalar(ds, REDUCTION)
     found = rings.find_rings(
@@ -106,9 +116,21 @@ def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
         floor_confidence=params.floor_confidence,
         max_gap_rings=params.max_gap_rings,
         shortest_rings=params.shortest_rings,
+        vessels=scalar(ds, VESSEL_SCALE) > 0,
     )
-    points, belief, counts = rings.ragged(found.traces)
     origin = [float(ds.coords[name][0]) if name in ds.coords else 0.0 for name in ("x", "y")]
+    marked = [path.scaled(origin, step) for file in params.corrected for path in read_marked_paths(file.text, file.name)]
+    corrected = correction.apply_corrections(
+        found,
+        marked,
+        ds[VALUE.name].values,
+        ds[VALID.name].values,
+        ds[RING_ORIENTATION.name].values,
+        ds[FREQUENCY.name].values * step,
+        scalar(ds, RING_SCALE) / step,
+    )
+    found = corrected.rings
+    points, belief, counts = rings.ragged(found.traces)
     vertex_count = VERTEX_COUNT.array(counts)
     # The CF convention's mark of a contiguous ragged array.
     vertex_count.attrs["sample_dimension"] = "vertex"
@@ -130,13 +152,16 @@ def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
             BRIGHT_OUTWARDS.name: BRIGHT_OUTWARDS.array(np.bool_(found.growth.bright_outwards)),
             GROWTH_SURENESS.name: GROWTH_SURENESS.array(np.float64(found.growth.sureness)),
             GRAIN_RATIO.name: GRAIN_RATIO.array(np.float64(found.grain_ratio)),
+            CORRECTED_LATEWOOD_X.name: CORRECTED_LATEWOOD_X.array(corrected.latewood[:, 0] * step + origin[0]),
+            CORRECTED_LATEWOOD_Y.name: CORRECTED_LATEWOOD_Y.array(corrected.latewood[:, 1] * step + origin[1]),
         },
         coords=coords,
         attrs={
-            "warnings": rings.describe_doubt(found),
+            "warnings": [*rings.describe_doubt(found), *corrected.notes],
             "figures": {
                 "ring boundaries": len(np.unique(np.stack([found.order.group, found.order.index]), axis=1).T),
                 "polylines": len(found.traces),
+                **corrected.figures,
                 "growth sureness": round(found.growth.sureness, 2),
                 "wood": "brightens outwards (conifer-like)"
                 if found.growth.bright_outwards

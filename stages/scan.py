@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from stages.variables import (
     RING_SCALE,
     VALID,
     VALUE,
+    VESSEL_SCALE,
 )
 
 
@@ -30,6 +32,9 @@ class ScanParams(Params):
 
     ring_width_px: PositiveFloat | None = None
     """Characteristic ring width in scan px; found when not given."""
+
+    ring_porous: bool | None = None
+    """Whether rings are to be sought in the density of vessels rather than in the grey value; found when not given."""
 
     reduction: PositiveInt | None = None
     """Scan px per analysed px along each axis; chosen from the ring width when not given."""
@@ -43,13 +48,13 @@ class ScanParams(Params):
 
 @stage(
     requires=(ENCODED, OPAQUE, DPI_PIXEL_SIZE),
-    provides=(RGB, VALUE, VALID, PIXEL_SIZE, REDUCTION, RING_SCALE),
-    version=1,
+    provides=(RGB, VALUE, VALID, PIXEL_SIZE, REDUCTION, RING_SCALE, VESSEL_SCALE),
+    version=2,
     params=ScanParams,
 )
 def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     """Decode the photograph, mask what is not wood and find how wide its rings are."""
-    from woodfit import photograph, ring_scale
+    from woodfit import photograph, ring_scale, vessels
 
     encoded, opaque = ds[ENCODED.name], ds[OPAQUE.name]
     height, width = opaque.shape
@@ -61,13 +66,23 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
         params.background_black,
     )
 
-    def window(row: int, col: int, rows: int, cols: int, step: int) -> tuple[Any, Any]:
-        part = encoded[row : row + rows, col : col + cols].values
-        inside = photograph.mask_window(mask, overview_step, row, col, part.shape[:2])
-        value = ring_scale.reduce_by(photograph.grey_value(part), step)
-        return value, ring_scale.reduce_by(inside.astype(np.float32), step) > 0.99
+    def window_of(transform: Callable[..., Any], *arguments: Any) -> Callable[..., tuple[Any, Any]]:
+        def window(row: int, col: int, rows: int, cols: int, step: int) -> tuple[Any, Any]:
+            part = photograph.grey_value(encoded[row : row + rows, col : col + cols].values)
+            inside = photograph.mask_window(mask, overview_step, row, col, part.shape)
+            value = ring_scale.reduce_by(transform(part, *arguments), step)
+            return value, ring_scale.reduce_by(inside.astype(np.float32), step) > 0.99
 
-    scale_px = params.ring_width_px or ring_scale.ring_scale((height, width), window)
+        return window
+
+    grey = window_of(np.asarray)
+    scale_px = params.ring_width_px or ring_scale.ring_scale((height, width), grey)
+    pores = 0
+    if params.ring_porous is not False:
+        pores = vessels.vessel_scale((height, width), grey, scale_px) or int(params.ring_porous or 0)
+    if pores and params.ring_width_px is None:
+        # Blurred twice as far: single vessels must not pass for narrow rings.
+        scale_px = ring_scale.ring_scale((height, width), window_of(vessels.density_signal, pores, 2.0))
     step = params.reduction or photograph.reduction_for((height, width), scale_px)
     arrays = xr.apply_ufunc(
         photograph.develop,
@@ -78,7 +93,10 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
         dask="parallelized",
         output_dtypes=[np.float32, np.float32, np.bool_],
     )
-    rgb, value, clear = (_coarsen(array, step) for array in arrays)
+    rgb, value, clear = arrays
+    if pores:
+        value = _neighbourhood(vessels.density_signal, value, vessels.density_halo(pores), pores)
+    rgb, value, clear = (_coarsen(array, step) for array in (rgb, value, clear))
     wood = photograph.mask_at(mask, overview_step, step, clear.shape)
     valid = (clear >= 0.99) & xr.DataArray(wood, dims=("y", "x"))
     pixel_size = params.pixel_size_mm or scalar(ds, DPI_PIXEL_SIZE)
@@ -94,11 +112,16 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
             PIXEL_SIZE.name: PIXEL_SIZE.array(np.float64(pixel_size)),
             REDUCTION.name: REDUCTION.array(np.int64(step)),
             RING_SCALE.name: RING_SCALE.array(np.float64(scale_px)),
+            VESSEL_SCALE.name: VESSEL_SCALE.array(np.int64(pores)),
         },
         coords=coords,
         attrs={
             "warnings": warnings,
-            "figures": {"ring width found (px)": round(scale_px, 1), "analysed at 1 :": step},
+            "figures": {
+                "ring width found (px)": round(scale_px, 1),
+                "analysed at 1 :": step,
+                "vessels": "rings sought in their density" if pores else "none seen",
+            },
         },
     )
 
@@ -113,3 +136,16 @@ def _coarsen(array: xr.DataArray, step: int) -> xr.DataArray:
     if step == 1:
         return array
     return array.astype(np.float32).coarsen(y=step, x=step, boundary="trim").mean()
+
+
+def _neighbourhood(function: Any, array: xr.DataArray, margin: int, *arguments: Any) -> xr.DataArray:
+    """`function` over an array in memory, or over the chunks of a large one with a margin around each."""
+    if array.chunks:
+        import dask.array as da
+
+        data = da.map_overlap(
+            function, array.data, *arguments, depth=margin, boundary="nearest", dtype=np.float32, meta=np.zeros((0, 0), "f4")
+        )
+    else:
+        data = function(array.values, *arguments)
+    return array.copy(data=data)

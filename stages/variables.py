@@ -17,7 +17,16 @@ DPI_PIXEL_SIZE = Variable(
 
 # --- scan ---------------------------------------------------------------------------------------------------
 RGB = Variable("rgb", ("y", "x", "channel"), "f", "1", "Linear RGB, 0..1, sRGB primaries.")
-VALUE = Variable("value", ("y", "x"), "f", "1", "HSV value of the encoded image, 0..1.")
+VALUE = Variable(
+    "value",
+    ("y", "x"),
+    "f",
+    "1",
+    "What the rings are sought in: HSV value, or 1 less the density of vessels in ring-porous wood.",
+)
+VESSEL_SCALE = Variable(
+    "vessel_scale", (), "iu", "1", "Reduction at which vessels are small spots; 0 where the wood shows none."
+)
 VALID = Variable("valid", ("y", "x"), "b", "1", "True on wood; false on background, bark, mount and cracks.")
 PIXEL_SIZE = Variable("pixel_size", (), "f", "mm", "Size of a scan pixel; NaN when no scale is known.")
 REDUCTION = Variable("reduction", (), "iu", "1", "Scan pixels per array element along each axis.")
@@ -69,6 +78,12 @@ RING_GROUP = Variable(
     "Polylines of one group are tied by counting; between groups the index is a guess.",
 )
 RING_CLOSED = Variable("ring_closed", ("ring",), "b", "1", "True where the polyline returns to its start.")
+CORRECTED_LATEWOOD_X = Variable(
+    "corrected_latewood_x", ("corrected_latewood",), "f", "px", "x of the earlywood/latewood borders that a person gave."
+)
+CORRECTED_LATEWOOD_Y = Variable(
+    "corrected_latewood_y", ("corrected_latewood",), "f", "px", "y of the earlywood/latewood borders that a person gave."
+)
 RING_PHASE = Variable(
     "ring_phase", ("y", "x"), "f", "rad", "Wrapped 2 pi ring age: 0 at the boundaries, growing outwards, -pi..pi."
 )
@@ -128,3 +143,125 @@ LATENESS_STRIP = Variable(
 STRIP_SUPPORT = Variable("strip_support", ("strip",), "f", "px", "Face pixels that each strip sample was fitted to.")
 RENDERED = Variable("rendered", ("y", "x", "channel"), "f", "1", "Linear RGB of the solid texture on the face.")
 SAMPLES_PER_RING = Variable("samples_per_ring", (), "iu", "1", "Strip samples for each ring.")
+
+# --- ring_series: paths, crossings, rings and gaps as contiguous ragged arrays ------------------------------
+PATH_X = Variable("path_x", ("path_vertex",), "f", "px", "x of the measurement paths' vertices, from the inside out.")
+PATH_Y = Variable("path_y", ("path_vertex",), "f", "px", "y of the measurement paths' vertices, from the inside out.")
+PATH_COUNT = Variable("path_count", ("series",), "iu", "1", "Vertices of each path.")
+SERIES_KIND = Variable(
+    "series_kind", ("series",), "iu", "1", "How a path came about: 0 core, 1 radius, 2 line across, 3 given."
+)
+SERIES_BEARING = Variable(
+    "series_bearing", ("series",), "f", "degree", "Direction of a radius, clockwise from up; NaN for other paths."
+)
+CROSSING_X = Variable("crossing_x", ("crossing",), "f", "px", "x where a path crosses a boundary, from the inside out.")
+CROSSING_Y = Variable("crossing_y", ("crossing",), "f", "px", "y where a path crosses a boundary, from the inside out.")
+CROSSING_ANGLE = Variable("crossing_angle", ("crossing",), "f", "rad", "Outward normal of the boundary there, -pi..pi.")
+CROSSING_INDEX = Variable("crossing_index", ("crossing",), "iu", "1", "Ring index of the boundary crossed.")
+CROSSING_GROUP = Variable("crossing_group", ("crossing",), "iu", "1", "Group of the boundary crossed.")
+CROSSING_CONFIDENCE = Variable("crossing_confidence", ("crossing",), "f", "1", "Confidence of the boundary, 0..1.")
+CROSSING_BESIDE = Variable(
+    "crossing_beside", ("crossing",), "b", "1", "True where the boundary was seen beside the path, not on it."
+)
+CROSSING_PITH = Variable("crossing_pith", ("crossing",), "b", "1", "True where it is the pith and no boundary.")
+CROSSING_COUNT = Variable("crossing_count", ("series",), "iu", "1", "Crossings of each path.")
+SERIES_RING_INDEX = Variable(
+    "series_ring_index", ("series_ring",), "iu", "1", "Index of the boundary that closes the ring outside."
+)
+SERIES_RING_INNER = Variable(
+    "series_ring_inner", ("series_ring",), "i", "1", "Crossing of its path at the ring's inside; -1 if not traced."
+)
+SERIES_RING_OUTER = Variable(
+    "series_ring_outer", ("series_ring",), "i", "1", "Crossing of its path at the ring's outside; -1 if not traced."
+)
+SERIES_RING_WIDTH = Variable(
+    "series_ring_width",
+    ("series_ring",),
+    "f",
+    "px",
+    "Ring width at right angles to the boundaries; NaN where one was not traced.",
+)
+EARLYWOOD_WIDTH = Variable(
+    "earlywood_width", ("series_ring",), "f", "px", "Width of the ring's earlywood; NaN where its end was not seen."
+)
+LATEWOOD_WIDTH = Variable(
+    "latewood_width", ("series_ring",), "f", "px", "Width of the ring's latewood; NaN where its onset was not seen."
+)
+LATEWOOD_ONSET = Variable(
+    "latewood_onset", ("series_ring",), "f", "1", "Where in the ring latewood begins, 0..1 outwards; NaN if not seen."
+)
+ONSET_SURENESS = Variable("onset_sureness", ("series_ring",), "f", "1", "How sure the latewood onset is, 0..1.")
+MEASURE_X = Variable(
+    "measure_x", ("series_ring", "ring_end"), "f", "px", "x of the ends of the line measured across; NaN if none."
+)
+MEASURE_Y = Variable(
+    "measure_y", ("series_ring", "ring_end"), "f", "px", "y of the ends of the line measured across; NaN if none."
+)
+LATENESS_TABLE = Variable(
+    "lateness_table",
+    ("series_ring", "fraction"),
+    "f",
+    "1",
+    "Straightened rings: inverted HSL lightness (HSL lightness in ring-porous wood) over the fraction; NaN if unknown.",
+)
+SERIES_RING_COUNT = Variable("series_ring_count", ("series",), "iu", "1", "Rings of each series.")
+GAP_SERIES = Variable("gap_series", ("gap",), "iu", "1", "Series that a gap belongs to.")
+GAP_X = Variable("gap_x", ("gap", "gap_end"), "f", "px", "x of the ends of a part whose rings cannot be counted.")
+GAP_Y = Variable("gap_y", ("gap", "gap_end"), "f", "px", "y of the ends of a part whose rings cannot be counted.")
+GAP_BOUNDARIES = Variable("gap_boundaries", ("gap",), "iu", "1", "Boundaries beyond the gap, not tied to the series.")
+SERIES_UNFIT = Variable(
+    "series_unfit", ("series",), "iu", "1", "Boundaries left out because their index contradicts the others'."
+)
+SERIES_INNER_REST = Variable("series_inner_rest", ("series",), "f", "px", "Wood inside of the first boundary.")
+SERIES_OUTER_REST = Variable("series_outer_rest", ("series",), "f", "px", "Wood outside of the last boundary.")
+PITH_ON_SAMPLE = Variable("pith_on_sample", ("series",), "b", "1", "True where the path starts at the pith.")
+PITH_X = Variable("pith_x", ("series",), "f", "px", "x of the pith; NaN when nothing tells.")
+PITH_Y = Variable("pith_y", ("series",), "f", "px", "y of the pith; NaN when nothing tells.")
+PITH_DISTANCE = Variable(
+    "pith_distance",
+    ("series", "estimate"),
+    "f",
+    "px",
+    "Way from the series' inner end to the pith, and one standard deviation less and more; NaN when nothing tells.",
+)
+PITH_YEARS = Variable("pith_years", ("series",), "i", "1", "Rings between the inner end and the pith; -1 if unknown.")
+SERIES_VARIABLES = (
+    PATH_X,
+    PATH_Y,
+    PATH_COUNT,
+    SERIES_KIND,
+    SERIES_BEARING,
+    CROSSING_X,
+    CROSSING_Y,
+    CROSSING_ANGLE,
+    CROSSING_INDEX,
+    CROSSING_GROUP,
+    CROSSING_CONFIDENCE,
+    CROSSING_BESIDE,
+    CROSSING_PITH,
+    CROSSING_COUNT,
+    SERIES_RING_INDEX,
+    SERIES_RING_INNER,
+    SERIES_RING_OUTER,
+    SERIES_RING_WIDTH,
+    EARLYWOOD_WIDTH,
+    LATEWOOD_WIDTH,
+    LATEWOOD_ONSET,
+    ONSET_SURENESS,
+    MEASURE_X,
+    MEASURE_Y,
+    LATENESS_TABLE,
+    SERIES_RING_COUNT,
+    GAP_SERIES,
+    GAP_X,
+    GAP_Y,
+    GAP_BOUNDARIES,
+    SERIES_UNFIT,
+    SERIES_INNER_REST,
+    SERIES_OUTER_REST,
+    PITH_ON_SAMPLE,
+    PITH_X,
+    PITH_Y,
+    PITH_DISTANCE,
+    PITH_YEARS,
+)

@@ -125,6 +125,7 @@ def find_rings(
     floor_confidence: float = 0.1,
     max_gap_rings: float = 1.5,
     shortest_rings: float = 2.0,
+    vessels: bool = False,
 ) -> Rings:
     """Trace all ring boundaries of a face, move them onto their edges and number them.
 
@@ -140,15 +141,21 @@ def find_rings(
         The user's word on the direction of growth.
     seed_confidence, floor_confidence, max_gap_rings, shortest_rings : float
         As in `woodfit.tracing.trace_rings`.
+    vessels : bool
+        True where `value` is the density of vessels: they begin abruptly, so that edges darken outwards.
 
     Returns
     -------
     Rings
     """
     grain = grain_ratio(value, orientation, valid)
-    pores = pore_evidence(value, orientation, np.angle(response), explained, valid)
-    if grain > STREAKED:
-        pores = min(pores, 2.0 * PORES)
+    if vessels:
+        pores = 2.0 * PORES
+        bright_outwards = bool(bright_outwards)
+    else:
+        pores = pore_evidence(value, orientation, np.angle(response), explained, valid)
+        if grain > STREAKED:
+            pores = min(pores, 2.0 * PORES)
     growth = find_growth(
         normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, grain > 1.2
     )
