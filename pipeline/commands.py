@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from pipeline.problems import Problem, UsageError
 if TYPE_CHECKING:
     from pipeline.cleaning import Leftover
     from pipeline.context import ScanRow
+    from pipeline.evaluation import Evaluation
     from pipeline.layout import Layout
     from pipeline.plan import Selection
 
@@ -79,20 +79,25 @@ def parse_size(size: str) -> tuple[int, int]:
 
 
 def evaluate_project(
-    config: Path, labels: Path | None, scan: str | None
-) -> tuple[dict[str, dict[str, float | None]], list[str]]:
-    """Figures of every scan whose truth is known, and notes on those that could not be judged."""
-    from pipeline.evaluation import TruthError, evaluate, find_truth
+    config: Path, labels: Path | None, scan: str | None, by_folder: bool = False, tolerance_px: float = 3.0
+) -> Evaluation:
+    """Judge every scan whose truth is known; with notes on those that could not be judged."""
+    from pipeline.evaluation import Evaluation, judge
+    from pipeline.labels import TruthError, find_truth, read_species
     from pipeline.layout import Layout
     from pipeline.plan import Selection
     from pipeline.project import Project
 
     if labels is not None and not labels.is_dir():
         raise UsageError("The command cannot be followed", [Problem("--labels", f"there is no folder {labels}")])
+    try:
+        species = read_species(labels)
+    except TruthError as error:
+        raise UsageError("The command cannot be followed", [Problem("--labels", str(error))]) from error
     project = Project.load(config)
     project.select(Selection(scan=scan))
     layout = Layout(project.config.output)
-    rows: dict[str, dict[str, float | None]] = {}
+    judged = {}
     notes = []
     for path in project.selected(scan):
         truth = find_truth(path, labels)
@@ -102,13 +107,15 @@ def evaluate_project(
         elif not rings.exists():
             notes.append(f"{path.name}: no rings yet; run the pipeline first")
         else:
+            solid = texture if texture.exists() else None
             try:
-                figures = evaluate(rings, truth, texture if texture.exists() else None, scan=path)
+                judgement = judge(rings, truth, solid, path, tolerance_px, species, by_folder)
             except TruthError as error:
                 notes.append(f"{path.name}: {error}")
                 continue
-            rows[path.name] = {name: value if math.isfinite(value) else None for name, value in figures.items()}
-    return rows, notes
+            judged[path.name] = judgement
+            notes += [f"{path.name}: {judgement.note}"] * bool(judgement.note)
+    return Evaluation(judged, notes, tolerance_px)
 
 
 def leftovers_of(config: Path, output: Path | None) -> tuple[Layout, list[Leftover], list[Path]]:

@@ -1,94 +1,140 @@
-"""Judging a result: rings and texture of one scan against synthetic truth or hand labels.
+"""Judging results: rings and texture of scans against synthetic truth or hand labels.
 
-As little logic as possible: files are read here, figures come from :mod:`woodfit.scoring`.
+As little logic as possible: files are read here, figures come from :mod:`woodfit.scoring`,
+:mod:`woodfit.dendro_scoring` and :mod:`woodfit.influence`.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.labels import TRUTH_SUFFIX, TruthError, pith_of, read_label, species_of
+from pipeline.scene_figures import ring_figures, texture_figures
 from woodfit import scoring
-from woodfit.synthetic import srgb_decode
+from woodfit.dendro_scoring import PathComparison, compare_path, reliability
+from woodfit.influence import DiscTruth, InfluenceComparison, influence_score, truth_from_rays, truth_from_rings
+from woodfit.scoring import FaceComparison
 
-TRUTH_SUFFIX = ".truth.npz"
+ALL = "all"
+MEANS = ("sensitivity", "precision", "f", "fine_f", "width_r", "series_r", "influence_f", "label_share", "traced_share")
+
+Figure = float | list[int | str]
+Part = TypeVar("Part", PathComparison, FaceComparison, InfluenceComparison)
 
 
-class TruthError(ValueError):
-    """A truth or label file that cannot be used; the message names the file and what is wrong with it."""
+# --- what was traced ----------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class TracedRings:
+    """Content of a ``rings.json``.
 
-
-def find_truth(scan: Path, labels_dir: Path | None = None) -> Path | None:
-    """File with the truth of a scan, or None.
-
-    In order: ``<stem>.truth.npz`` beside the scan, then in `labels_dir`; then labels ``.json``, there those whose
-    ``"image"`` names the scan (the longer the agreeing end of the path, the better) before ``<stem>.json``.
+    Parameters
+    ----------
+    polylines
+        x, y, shape (n, 2) each, image px; closed ones repeat their first point at the end.
+    confidence
+        Of each polyline.
+    identity
+        Group and id of each polyline.
+    pixel_size_mm
+        None when unknown.
+    image
+        Name of the scan.
     """
-    folders = [scan.parent] if labels_dir is None else [scan.parent, labels_dir]
-    for folder in folders:
-        if (folder / f"{scan.stem}{TRUTH_SUFFIX}").is_file():
-            return folder / f"{scan.stem}{TRUTH_SUFFIX}"
-    candidates = [scan.with_suffix(".json")]
-    if labels_dir is not None:
-        candidates = [*sorted(labels_dir.glob("*.json")), labels_dir / f"{scan.stem}.json", *candidates]
-    ranked = []
-    for order, candidate in enumerate(candidates):
-        label = _read_label_or_none(candidate)
-        if label is None:
-            continue
-        named = Path(str(label.get("image", scan.name)))
-        agreement = _common_end(named, scan.absolute())
-        # A bare name such as A_col.png occurs in many folders: it needs its folder too, unless the stem says the rest.
-        if agreement >= min(2, len(named.parts)) or (agreement == 1 and candidate.stem == scan.stem):
-            ranked.append((-agreement, candidate.stem != scan.stem, order, candidate))
-    return min(ranked)[-1] if ranked else None
 
+    polylines: tuple[NDArray[np.float64], ...]
+    confidence: tuple[float, ...]
+    identity: tuple[tuple[int, int], ...]
+    pixel_size_mm: float | None
+    image: str
 
-def _read_label_or_none(path: Path) -> dict[str, Any] | None:
-    """Content of a label file; None for a file that is missing or is something else."""
-    try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError):
-        return None
-    return content if isinstance(content, dict) and ("paths" in content or "rings" in content) else None
+    @classmethod
+    def read(cls, path: Path) -> TracedRings:
+        """Read ``rings.json`` (docs/rings_json.md)."""
+        content = json.loads(path.read_text(encoding="utf-8"))
+        polylines, confidence, identity = [], [], []
+        for number, ring in enumerate(content["rings"]):
+            points = np.asarray(ring["points"], dtype=float).reshape(-1, 2)
+            if ring.get("closed") and len(points) > 1 and not np.array_equal(points[0], points[-1]):
+                points = np.concatenate([points, points[:1]])
+            if len(points) > 1:
+                polylines.append(points)
+                confidence.append(float(ring.get("confidence", math.nan)))
+                identity.append((int(ring.get("group", 0)), int(ring.get("id", number))))
+        return cls(
+            tuple(polylines), tuple(confidence), tuple(identity), content.get("pixel_size_mm"), content.get("image", "")
+        )
 
-
-def _common_end(a: Path, b: Path) -> int:
-    """How many last components two paths share."""
-    count = 0
-    for left, right in zip(reversed(a.parts), reversed(b.parts), strict=False):
-        if left != right:
-            break
-        count += 1
-    return count
+    def rings(self) -> list[list[NDArray[np.float64]]]:
+        """Polylines of one identity together."""
+        pieces: dict[tuple[int, int], list[NDArray[np.float64]]] = {}
+        for key, polyline in zip(self.identity, self.polylines, strict=True):
+            pieces.setdefault(key, []).append(polyline)
+        return list(pieces.values())
 
 
 def read_polylines(rings_json: Path) -> tuple[NDArray[np.float64], ...]:
     """Polylines (n, 2) of x, y, image px, of a ``rings.json``; closed ones repeat their first point at the end."""
-    polylines = []
-    for ring in json.loads(rings_json.read_text())["rings"]:
-        points = np.asarray(ring["points"], dtype=float).reshape(-1, 2)
-        if ring.get("closed") and len(points) > 1 and not np.array_equal(points[0], points[-1]):
-            points = np.concatenate([points, points[:1]])
-        if len(points) > 1:
-            polylines.append(points)
-    return tuple(polylines)
+    return TracedRings.read(rings_json).polylines
 
 
-def evaluate(
+# --- one scan -----------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Judgement:
+    """What comparing one scan with what is known of it gave; parts that do not apply are None.
+
+    Parameters
+    ----------
+    paths, face, disc
+        Comparison with labelled paths, a labelled face, the rings of a disc.
+    scene
+        Figures against synthetic truth.
+    species
+        As the labels have it.
+    dated
+        Whether missed and false boundaries are named by year.
+    note
+        What could not be judged and why.
+    """
+
+    paths: PathComparison | None = None
+    face: FaceComparison | None = None
+    disc: InfluenceComparison | None = None
+    scene: Mapping[str, float] = field(default_factory=dict)
+    species: str | None = None
+    dated: bool = False
+    note: str = ""
+
+    def figures(self) -> dict[str, Figure]:
+        """Every figure by name; NaN where there was nothing to judge."""
+        figures: dict[str, Figure] = dict(self.scene)
+        for part in (self.paths, self.face, self.disc):
+            figures |= {} if part is None else part.figures()
+        if self.paths is not None:
+            unit = "years" if self.dated else "rings"
+            figures |= {f"missed_{unit}": sorted(self.paths.missed), f"false_{unit}": sorted(self.paths.false)}
+        if self.disc is not None:
+            figures["influence_missed_rings"] = list(self.disc.missed)
+        return figures
+
+
+def judge(
     rings_json: Path,
     truth: Path,
     texture: Path | None = None,
     scan: Path | None = None,
     tolerance_px: float = 3.0,
-) -> dict[str, float]:
-    """Figures of one scan's result, by what `truth` is: synthetic truth, labelled paths or a labelled face.
+    species: Mapping[str, str] | None = None,
+    by_folder: bool = False,
+) -> Judgement:
+    """Compare one scan's result with `truth`: synthetic truth, or labelled paths, faces and discs.
 
     Parameters
     ----------
@@ -99,81 +145,139 @@ def evaluate(
     texture
         The solid texture; needed for the figures of ring age and color, synthetic truth only.
     scan
-        The photograph, for the color's PSNR; if None, the image named in `rings_json` beside the truth, if any.
+        The photograph, for the color's PSNR and the species; if None, the image named in `rings_json` beside the truth.
     tolerance_px
         How far from the truth still is a hit.
+    species
+        Species by pattern of file names.
+    by_folder
+        Whether a scan of no known species counts to one named as its folder.
 
-    Returns
-    -------
-    dict
-        Figure by name; NaN where there was nothing to judge.
+    Raises
+    ------
+    TruthError
+        The truth cannot be used.
     """
-    polylines = read_polylines(rings_json)
+    traced = TracedRings.read(rings_json)
+    photograph = scan if scan is not None else truth.with_name(Path(traced.image).name or truth.name)
     if truth.name.endswith(TRUTH_SUFFIX):
         with np.load(truth) as file:
             known = {name: file[name] for name in file.files}
-        figures = _ring_figures(polylines, known["age"], tolerance_px)
-        beside = truth.with_name(Path(json.loads(rings_json.read_text()).get("image", "")).name or truth.name)
-        photograph = scan if scan is not None else beside if beside.is_file() and beside != truth else None
-        return figures if texture is None else figures | _texture_figures(texture, known, photograph)
-    label = _read_label_or_none(truth)
-    if label is None:
-        raise TruthError(f"{truth}: expected labels with `paths` or `rings`, or a file named *{TRUTH_SUFFIX}.")
+        figures = ring_figures(traced.polylines, known["age"], tolerance_px)
+        if texture is not None:
+            seen = photograph if photograph.is_file() and photograph != truth else None
+            figures |= texture_figures(texture, known, seen)
+        return Judgement(scene=figures, species=species_of(photograph, {}, species or {}, by_folder))
+    label = read_label(truth)
+    named = species_of(photograph, label, species or {}, by_folder)
     try:
-        if "paths" in label:
-            return scoring.path_score(polylines, label["paths"], tolerance_px)
-        return scoring.face_score(polylines, label, tolerance_px)
+        return _judge_labels(traced, label, tolerance_px, named)
     except KeyError as error:
         raise TruthError(f"{truth}: a labelled path or ring lacks {error}.") from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise TruthError(f"{truth}: cannot be used as labels: {error}.") from error
 
 
-def _ring_figures(
-    polylines: tuple[NDArray[np.float64], ...], age: NDArray[np.float32], tolerance_px: float
-) -> dict[str, float]:
-    lines = scoring.line_f(polylines, age, tolerance_px=tolerance_px)
-    strict = scoring.line_f(polylines, age, tolerance_px=tolerance_px, grazing_deg=90.0, edge_px=0.0)
-    pixels = scoring.boundary_recall_precision(polylines, age, tolerance_px)
-    return (
-        pixels
-        | {f"line_{name}": lines[name] for name in ("f", "sensitivity", "precision")}
-        | {"line_f_strict": strict["f"]}
+def _judge_labels(traced: TracedRings, label: Mapping[str, Any], tolerance_px: float, species: str | None) -> Judgement:
+    size = label.get("pixel_size_mm") or traced.pixel_size_mm
+    paths, face, disc, note = None, None, None, ""
+    if label.get("paths") is not None:
+        each = (compare_path(traced.polylines, path, tolerance_px, size, traced.confidence) for path in label["paths"])
+        paths = sum(each, PathComparison())
+    if label.get("rings") is not None:
+        face = scoring.compare_face(traced.polylines, label, tolerance_px)
+    if (pith := pith_of(label)) is not None:
+        try:
+            disc = influence_score(traced.rings(), _disc_truth(label, pith), pixel_size_mm=size)
+        except ValueError as error:
+            note = f"no influence-area figures: {error}"
+    dated = any(path.get("year") is not None for path in label.get("paths") or ())
+    return Judgement(paths, face, disc, {}, species, dated, note)
+
+
+def _disc_truth(label: Mapping[str, Any], pith: NDArray[np.float64]) -> DiscTruth:
+    return truth_from_rings(label["rings"], pith) if label.get("rings") else truth_from_rays(label["paths"], pith)
+
+
+def evaluate(
+    rings_json: Path,
+    truth: Path,
+    texture: Path | None = None,
+    scan: Path | None = None,
+    tolerance_px: float = 3.0,
+) -> dict[str, Figure]:
+    """Figures of :func:`judge` by name."""
+    return judge(rings_json, truth, texture, scan, tolerance_px).figures()
+
+
+# --- many scans ---------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Evaluation:
+    """Judgements of many scans by name, and notes on what could not be judged."""
+
+    scans: Mapping[str, Judgement]
+    notes: Sequence[str] = ()
+    tolerance_px: float = 3.0
+
+    def pooled(self) -> dict[str, dict[str, Figure]]:
+        """Figures of every species and of all scans: of the boundaries, lengths and rings taken together.
+
+        ``images`` counts the scans; ``mean_...`` are means over scans, each scan counting alike. No species, no row but
+        ``all``. Figures against synthetic truth are not pooled.
+        """
+        members: dict[str, list[Judgement]] = {}
+        for judgement in self.scans.values():
+            if judgement.species is not None:
+                members.setdefault(judgement.species, []).append(judgement)
+        return {name: _pool(group) for name, group in [*sorted(members.items()), (ALL, list(self.scans.values()))]}
+
+    def reliability(self) -> list[dict[str, float]]:
+        """Share of right boundaries by confidence, over every labelled path."""
+        paths = sum((one.paths for one in self.scans.values() if one.paths is not None), PathComparison())
+        return reliability(paths.confidence, paths.right)
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything, with None for what is not known."""
+        images = {
+            name: {"species": judgement.species, **_plain(judgement.figures())}
+            for name, judgement in self.scans.items()
+        }
+        return {
+            "tolerance_px": self.tolerance_px,
+            "images": images,
+            "pooled": {name: _plain(figures) for name, figures in self.pooled().items()},
+            "reliability": [_plain(row) for row in self.reliability()],
+        }
+
+
+def _pool(group: Sequence[Judgement]) -> dict[str, Figure]:
+    together = Judgement(
+        _sum(group, lambda one: one.paths), _sum(group, lambda one: one.face), _sum(group, lambda one: one.disc)
     )
-
-
-def _texture_figures(path: Path, known: Mapping[str, NDArray[Any]], scan: Path | None) -> dict[str, float]:
-    # Lazily: the command line must not pay for the texture's imports, and rings can be judged without it.
-    from woodfit import SolidTexture
-
-    texture = SolidTexture.open(path)
-    unit = px_to_texture_unit(texture)
-    height, width = known["age"].shape
-    face = np.zeros((height, width, 3))
-    face[..., 1], face[..., 0] = np.mgrid[:height, :width]
-    drawn = texture.evaluate(face * unit)
-    figures = scoring.age_share(np.asarray(drawn.ring_age), known["age"])
-    figures["age_correlation"] = scoring.age_correlation(np.asarray(drawn.ring_age), known["age"])
-    if scan is not None:
-        figures["psnr"] = scoring.psnr_blurred(np.asarray(drawn.rgb), _read_linear(scan))
-    for name in (key.removesuffix("_points") for key in known if key.endswith("_points")):
-        age = np.asarray(texture.evaluate(known[f"{name}_points"].astype(float) * unit).ring_age)
-        # The planes keep the constant of the face: only a wrong depth may make them differ.
-        error = np.abs(age - figures["age_offset"] - known[f"{name}_age"])
-        figures[f"{name}_correlation"] = scoring.age_correlation(age, known[f"{name}_age"])
-        figures[f"{name}_median_error"] = float(np.median(error))
+    named = ("missed_rings", "false_rings", "influence_missed_rings")
+    figures: dict[str, Figure] = {"images": float(len(group))}
+    figures |= {name: value for name, value in together.figures().items() if name not in named}
+    for name in MEANS:
+        values = [
+            value for one in group if isinstance(value := one.figures().get(name), float) and math.isfinite(value)
+        ]
+        if name in figures:
+            figures[f"mean_{name}"] = float(np.mean(values)) if values else math.nan
     return figures
 
 
-def px_to_texture_unit(texture: Any) -> float:
-    """Length of a scan px in the texture's unit: its ``pixel_size`` in mm, or 1 when it knows no scale."""
-    size = getattr(texture, "pixel_size", None)
-    return 1.0 if size is None or not math.isfinite(size) or size <= 0 else float(size)
+def _sum(group: Sequence[Judgement], part_of: Callable[[Judgement], Part | None]) -> Part | None:
+    total: Part | None = None
+    for judgement in group:
+        part = part_of(judgement)
+        if part is not None:
+            total = part if total is None else total + part
+    return total
 
 
-def _read_linear(scan: Path) -> NDArray[np.float64]:
-    """Linear rgb 0..1, shape (H, W, 3), of a sample scan (8 bit)."""
-    import cv2
-
-    pixels = cv2.imread(str(scan), cv2.IMREAD_COLOR)
-    if pixels is None:
-        raise TruthError(f"{scan}: cannot be read as an image.")
-    return srgb_decode(np.asarray(pixels[..., ::-1], dtype=float) / 255.0)
+def _plain(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures as JSON has them: None instead of NaN."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in figures.items()
+    }

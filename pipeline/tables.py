@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from pipeline.input_files import without_texts
+
 if TYPE_CHECKING:
     from pipeline.context import ScanRow
     from pipeline.plan import ScanPlan
@@ -91,21 +93,11 @@ def provenance_tables(known: Mapping[str, Any]) -> list[Any]:
         products.add_row(Text(name, style="bold"), Text("is gone", style="red"))
     results = _table("stage", "version", "key", "seconds", "created", "parameters")
     for name, stage in known["stages"].items():
-        params = ", ".join(f"{key}={value}" for key, value in stage["params"].items())
+        params = ", ".join(f"{key}={without_texts(value)}" for key, value in stage["params"].items())
         state = str(stage.get("created", "")) if stage["complete"] else "is gone"
         seconds = f"{stage.get('seconds', 0.0):.1f}"
         results.add_row(name, str(stage["version"]), stage["key"], seconds, state, Text(params))
     return [products, results, Text(f"results lie in {known['output']}/.woodpipe/results/<stage>/<key>/data.zarr")]
-
-
-def figures_table(rows: Mapping[str, Mapping[str, float | None]]) -> Table:
-    """Figures of the evaluation, a line per scan."""
-    names = list(dict.fromkeys(name for figures in rows.values() for name in figures))
-    table = _table("scan", *names)
-    for scan, figures in rows.items():
-        values = [figures.get(name) for name in names]
-        table.add_row(Text(scan), *("" if value is None else f"{value:.4g}" for value in values))
-    return table
 
 
 def _table(*columns: str) -> Table:

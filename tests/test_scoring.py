@@ -9,7 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from woodfit.matching import Counts, count_matches, level_crossings, line_crossings, match_ordered, neighbour_tolerance
+from woodfit.dendro_scoring import PathComparison, compare_path, confidence_pairs, reliability
+from woodfit.matching import (
+    Counts,
+    count_matches,
+    level_crossings,
+    line_crossings,
+    locate_crossings,
+    match_ordered,
+    neighbour_tolerance,
+)
 from woodfit.scoring import (
     across_grain_lines,
     age_correlation,
@@ -322,3 +331,158 @@ def test_face_score_leaves_out_uncertain_labels_and_ignored_places() -> None:
     label = {"rings": rings, "ignore": [[[90, 40], [150, 40], [150, 60], [90, 60]]]}
     assert face_score(wild, {"rings": rings})["traced_share"] < 1.0
     assert face_score(wild, label)["traced_share"] == 1.0
+
+
+# --- dendrochronologists' figures ---------------------------------------------------------------------------
+EDGES = np.array([20.0, 60.0, 110.0, 150.0, 240.0, 300.0, 330.0, 400.0])
+
+
+def core(**changes: object) -> dict[str, object]:
+    """A path along y = 10 with boundaries at `EDGES`, the bark on the left."""
+    label: dict[str, object] = {"start": [0, 10], "end": [420, 10], "positions": [[x, 10] for x in EDGES]}
+    return label | {"year": [2015 - k for k in range(len(EDGES))]} | changes
+
+
+def upright(positions: NDArray[np.float64] | list[float]) -> list[NDArray[np.float64]]:
+    return [np.array([[x, 0.0], [x, 20.0]]) for x in positions]
+
+
+def test_crossings_tell_the_polyline_and_the_place_on_it() -> None:
+    lines = [np.array([[30.0, 0.0], [30.0, 20.0]]), np.array([[5.0, 0.0], [5.0, 8.0], [5.0, 16.0]])]
+    found = locate_crossings(lines, [0, 10], [100, 10])
+    npt.assert_allclose(found.position, [5.0, 30.0])
+    assert found.polyline.tolist() == [1, 0]
+    npt.assert_allclose(found.vertex, [1.25, 0.5])
+
+
+def test_known_shift_gives_its_error_and_widths_do_not_feel_it() -> None:
+    figures = compare_path(upright(EDGES + 2.0), core(), pixel_size_mm=0.05).figures()
+    assert figures["f"] == figures["fine_f"] == 1.0
+    assert figures["position_median_px"] == figures["position_p95_px"] == figures["position_bias_px"] == 2.0
+    assert figures["position_median_mm"] == pytest.approx(0.1)
+    assert figures["widths"] == len(EDGES) - 1
+    assert figures["width_r"] == pytest.approx(1.0)
+    assert figures["width_rmse_mm"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_errors_are_not_cut_off_at_the_tolerance() -> None:
+    figures = compare_path(upright(EDGES + 6.0), core(), tolerance_px=3.0).figures()
+    assert figures["f"] == 0.0
+    assert figures["position_median_px"] == 6.0
+
+
+def test_fine_tolerance_is_a_tenth_of_a_mm_or_a_quarter_ring_and_never_under_a_px() -> None:
+    # A quarter of the smaller ring is 7.5 px at 300 and 330 and at least 10 px elsewhere.
+    assert compare_path(upright(EDGES + 7.0), core(), pixel_size_mm=0.01).fine.matched == 8
+    assert compare_path(upright(EDGES + 8.0), core(), pixel_size_mm=0.01).fine.matched == 6
+    assert compare_path(upright(EDGES + 8.0), core(), pixel_size_mm=0.02).fine.matched == 0
+    assert compare_path(upright(EDGES + 0.9), core(), pixel_size_mm=5.0).fine.matched == 8
+    assert np.isnan(compare_path(upright(EDGES), core()).figures()["fine_f"])
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+def test_missed_and_false_boundaries_are_named_by_year(flipped: bool) -> None:
+    found = [*np.delete(EDGES, 3), 200.0, 410.0]
+    label, traced = core(), upright(found)
+    if flipped:
+        label |= {"start": [420, 10], "end": [0, 10]}
+    comparison = compare_path(traced, label)
+    assert comparison.missed == (2012,)
+    # 200 px lies between the boundaries of 2012 and 2011, inside the ring of 2012; 410 px inside of that of 2008.
+    assert sorted(comparison.false) == [2008, 2012]
+
+
+def test_false_boundary_outside_of_the_outermost_belongs_to_the_next_year() -> None:
+    assert compare_path(upright([8.0, *EDGES]), core()).false == (2016,)
+    undated = {key: value for key, value in core().items() if key != "year"}
+    assert compare_path(upright([8.0, *EDGES]), undated).false == (1,)
+
+
+def test_widths_are_taken_only_of_rings_with_both_boundaries_and_nothing_between() -> None:
+    comparison = compare_path(upright([*np.delete(EDGES, 3), 270.0]), core())
+    npt.assert_allclose(comparison.width_px[:, 0], [40.0, 50.0, 30.0, 70.0])
+    npt.assert_allclose(comparison.width_px[:, 1], comparison.width_px[:, 0])
+
+
+def test_one_missed_ring_ruins_the_dated_series_but_not_the_bracketed_widths() -> None:
+    whole = compare_path(upright(EDGES + np.array([0, 1, 0, -1, 0, 1, 0, -1])), core()).figures()
+    missing = compare_path(upright(np.delete(EDGES, 1)), core()).figures()
+    assert whole["series_r"] > 0.99
+    assert missing["width_r"] == pytest.approx(1.0)
+    assert missing["series_r"] < 0.7
+
+
+def test_uncertain_boundary_bounds_no_width_and_is_not_missed() -> None:
+    label = core(uncertain=[0, 0, 0, 1, 0, 0, 0, 0])
+    for found in (EDGES, np.delete(EDGES, 3)):
+        comparison = compare_path(upright(found), label)
+        assert comparison.counts == Counts(7, 0, 0)
+        assert len(comparison.width_px) == 5
+
+
+def test_comparisons_add_up_as_if_they_were_one() -> None:
+    one, other = compare_path(upright(EDGES + 1.0), core()), compare_path(upright(EDGES[2:] - 2.0), core())
+    both = (one + other).figures()
+    assert both["boundaries"] == 16
+    assert both["sensitivity"] == pytest.approx(14 / 16)
+    assert both["position_median_px"] == 1.0
+    assert (one + PathComparison()).figures() == pytest.approx(one.figures(), nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"uncertain": [0, 1]}, "`uncertain` has 2 values for 8 positions"),
+        ({"year": [1]}, "`year` has 1 values"),
+        ({"end": [0, 10]}, r"leads from \[0, 10\] to \[0, 10\]"),
+    ],
+)
+def test_label_that_contradicts_itself_says_how(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        compare_path([], core(**changes))
+
+
+# --- confidence ---------------------------------------------------------------------------------------------
+def test_confidence_pairs_tell_right_from_wrong() -> None:
+    label = core(uncertain=[0, 0, 0, 0, 0, 0, 0, 1])
+    found = [*EDGES, 200.0]
+    confidence, right = confidence_pairs(upright(found), [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1], label)
+    # The one at the uncertain label is left out; the one at 200 px is false.
+    npt.assert_allclose(confidence, [0.9, 0.8, 0.7, 0.6, 0.1, 0.5, 0.4, 0.3])
+    assert right.tolist() == [True, True, True, True, False, True, True, True]
+
+
+def test_confidence_of_vertices_is_taken_where_the_line_is_crossed() -> None:
+    confidence, _ = confidence_pairs(upright(EDGES), [[0.0, 1.0]] * len(EDGES), [core(), core()])
+    npt.assert_allclose(confidence, np.full(16, 0.5))
+
+
+def test_reliability_counts_every_boundary_once() -> None:
+    confidence = np.array([0.0, 0.5, 0.51, 0.7, 0.9, 0.95, 1.0])
+    right = np.array([False, True, True, False, True, True, True])
+    rows = reliability(confidence, right)
+    assert [row["boundaries"] for row in rows] == [2, 2, 1, 2]
+    assert [row["share"] for row in rows] == [0.5, 0.5, 1.0, 1.0]
+    assert rows[3]["confidence"] == pytest.approx(0.975)
+    assert np.isnan(reliability(confidence[:0], right[:0])[0]["share"])
+
+
+@settings(deadline=None, max_examples=80)
+@given(positions, st.integers(0, 2**31))
+def test_counts_and_confidence_pairs_agree(found: NDArray[np.float64], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    label = core(positions=[[x, 10] for x in np.sort(rng.uniform(0, 30, 5))], year=None)
+    label["uncertain"] = rng.integers(0, 2, 5).tolist()
+    belief = rng.random(len(found)).tolist()
+    confidence, right = confidence_pairs(upright(found), belief, label)
+    counts = compare_path(upright(found), label).counts
+    assert (int(right.sum()), len(right)) == (counts.matched, counts.matched + counts.false)
+    assert set(confidence) <= set(belief)
+
+
+def test_closed_label_is_traced_all_round() -> None:
+    square = [[10.0, 10.0], [60.0, 10.0], [60.0, 60.0], [10.0, 60.0]]
+    closed = np.array([*square, square[0]])
+    label = {"rings": [{"id": 1, "closed": True, "points": square}]}
+    assert face_score([closed], label)["traced_share"] == 1.0
+    assert face_score([np.array(square)], label)["label_share"] == pytest.approx(0.75 + 6 / 200, abs=0.01)

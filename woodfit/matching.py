@@ -86,10 +86,34 @@ def match_ordered(
     return pairs[::-1]
 
 
-def count_matches(
+@dataclass(frozen=True)
+class Matching:
+    """Which boundaries belong together along one line; indices into the positions given.
+
+    Parameters
+    ----------
+    pairs
+        (truth, found) of the truths that are certain and found.
+    missed
+        Truths that are certain and not found.
+    false
+        Finds that belong to no truth and are not excused.
+    """
+
+    pairs: list[tuple[int, int]]
+    missed: list[int]
+    false: list[int]
+
+    @property
+    def counts(self) -> Counts:
+        """How many of each."""
+        return Counts(len(self.pairs), len(self.missed), len(self.false))
+
+
+def match_boundaries(
     truth: Floats, found: Floats, tolerance: Floats, uncertain: Bools | None = None, excused: Bools | None = None
-) -> Counts:
-    """Counts of an order-preserving one-to-one matching.
+) -> Matching:
+    """Order-preserving one-to-one matching, with the boundaries that are missed and false.
 
     An `uncertain` truth counts neither as missed nor, when something is found at it, as matched or false; an
     `excused` find is not false when nothing is there.
@@ -98,16 +122,26 @@ def count_matches(
     pardoned = np.zeros(len(found), bool) if excused is None else np.asarray(excused, bool)
     weight = np.where(doubtful, 0.5 / (len(truth) + 1), 1.0)
     pairs = match_ordered(truth, found, tolerance, weight)
-    certain = sum(not doubtful[i] for i, _ in pairs)
-    taken = np.zeros(len(found), bool)
-    taken[[j for _, j in pairs]] = True
-    return Counts(certain, int((~doubtful).sum()) - certain, int((~taken & ~pardoned).sum()))
+    missing, free = ~doubtful, ~pardoned
+    missing[[i for i, _ in pairs]] = False
+    free[[j for _, j in pairs]] = False
+    certain = [(i, j) for i, j in pairs if not doubtful[i]]
+    return Matching(certain, np.flatnonzero(missing).tolist(), np.flatnonzero(free).tolist())
 
 
-def neighbour_tolerance(truth: Floats, tolerance_px: float, ring_share: float = 0.25) -> Floats:
-    """The smaller of `tolerance_px` and `ring_share` of the smaller neighbouring gap, at each position (m,)."""
+def count_matches(
+    truth: Floats, found: Floats, tolerance: Floats, uncertain: Bools | None = None, excused: Bools | None = None
+) -> Counts:
+    """Counts of :func:`match_boundaries`."""
+    return match_boundaries(truth, found, tolerance, uncertain, excused).counts
+
+
+def neighbour_tolerance(truth: Floats, tolerance_px: float, ring_share: float = 0.25, least_px: float = 0.0) -> Floats:
+    """The smaller of `tolerance_px` and `ring_share` of the smaller neighbouring gap, at each position (m,); never
+    under `least_px`.
+    """
     gaps = np.diff(truth, prepend=-np.inf, append=np.inf)
-    return np.minimum(tolerance_px, ring_share * np.minimum(gaps[:-1], gaps[1:]))
+    return np.maximum(least_px, np.minimum(tolerance_px, ring_share * np.minimum(gaps[:-1], gaps[1:])))
 
 
 # --- crossings ----------------------------------------------------------------------------------------------
@@ -128,20 +162,48 @@ def level_crossings(age: ArrayLike) -> Floats:
     return np.sort(np.asarray(found, dtype=float))
 
 
-def line_crossings(polylines: Iterable[ArrayLike], start: ArrayLike, end: ArrayLike) -> Floats:
-    """Distances from `start`, ascending, px, at which polylines cross the straight segment `start`-`end` (x, y)."""
+@dataclass(frozen=True)
+class Crossings:
+    """Where polylines cross a line, in the order along it.
+
+    Parameters
+    ----------
+    position
+        Distance from the start of the line, px, shape (n,), ascending.
+    polyline
+        Which polyline crosses there, shape (n,).
+    vertex
+        Where on that polyline, as a fractional index of its vertices, shape (n,).
+    """
+
+    position: Floats
+    polyline: NDArray[np.int64]
+    vertex: Floats
+
+
+def locate_crossings(polylines: Iterable[ArrayLike], start: ArrayLike, end: ArrayLike) -> Crossings:
+    """Where polylines cross the straight segment `start`-`end` (x, y), and which of them."""
     origin = np.asarray(start, dtype=float)
     along = np.asarray(end, dtype=float) - origin
     length = float(np.hypot(*along))
     along = along / length
-    found: list[float] = []
-    for polyline in polylines:
+    found: list[tuple[float, int, float]] = []
+    for number, polyline in enumerate(polylines):
         offset = np.asarray(polyline, dtype=float).reshape(-1, 2) - origin
         position = offset @ along
         side = along[0] * offset[:, 1] - along[1] * offset[:, 0]
         # Half-open: a vertex on the line belongs to one side, so that it gives one crossing and not two or none.
         for i in np.flatnonzero((side[:-1] < 0) != (side[1:] < 0)):
             t = side[i] / (side[i] - side[i + 1])
-            found.append(float(position[i] + t * (position[i + 1] - position[i])))
-    crossings = np.sort(np.asarray(found, dtype=float))
-    return crossings[(crossings >= 0.0) & (crossings <= length)]
+            found.append((float(position[i] + t * (position[i + 1] - position[i])), number, float(i + t)))
+    inside = sorted(item for item in found if 0.0 <= item[0] <= length)
+    return Crossings(
+        np.array([item[0] for item in inside], dtype=float),
+        np.array([item[1] for item in inside], dtype=np.int64),
+        np.array([item[2] for item in inside], dtype=float),
+    )
+
+
+def line_crossings(polylines: Iterable[ArrayLike], start: ArrayLike, end: ArrayLike) -> Floats:
+    """Distances from `start`, ascending, px, at which polylines cross the straight segment `start`-`end` (x, y)."""
+    return locate_crossings(polylines, start, end).position

@@ -8,6 +8,7 @@ Shares and F are 0..1; a share of nothing is NaN, so that it never passes for a 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from woodfit.dendro_scoring import compare_path
 from woodfit.matching import (
     Counts,
     count_matches,
@@ -213,55 +215,80 @@ def psnr_blurred(a: Array, b: Array, sigma_px: float = 1.5, valid: Bools | None 
 
 
 # --- hand labels --------------------------------------------------------------------------------------------
-def path_counts(polylines: Polylines, path: Mapping[str, Any], tolerance_px: float = 3.0) -> Counts:
-    """Counts of the polylines' crossings with one labelled path (start, end, positions, uncertain).
-
-    With ``labelled_from_radius`` and ``labelled_to_radius`` only the part between them is judged.
-    """
-    start, end = (np.asarray(path[key], dtype=float) for key in ("start", "end"))
-    length = float(np.hypot(*(end - start)))
-    low = float(path.get("labelled_from_radius", 0.0))
-    high = float(path.get("labelled_to_radius", length))
-    truth = (np.asarray(path["positions"], dtype=float).reshape(-1, 2) - start) @ ((end - start) / length)
-    uncertain = np.asarray(path.get("uncertain", np.zeros(len(truth))), dtype=bool)
-    order = np.argsort(truth, kind="stable")
-    order = order[(truth[order] >= low) & (truth[order] <= high)]
-    found = line_crossings(polylines, start, end)
-    found = found[(found >= low - tolerance_px) & (found <= high + tolerance_px)]
-    outside = (found < low) | (found > high)
-    return count_matches(truth[order], found, np.full(len(order), tolerance_px), uncertain[order], outside)
-
-
 def path_score(
     polylines: Polylines, paths: Mapping[str, Any] | Iterable[Mapping[str, Any]], tolerance_px: float = 3.0
 ) -> dict[str, float]:
-    """``sensitivity``, ``precision``, ``f`` and counts over one labelled path or several."""
-    several = [paths] if isinstance(paths, Mapping) else paths
-    return sum((path_counts(polylines, path, tolerance_px) for path in several), Counts()).scores()
+    """``sensitivity``, ``precision``, ``f`` and counts over one labelled path or several.
 
-
-def face_score(polylines: Polylines, label: Mapping[str, Any], tolerance_px: float = 3.0) -> dict[str, float]:
-    """Lengths that agree on a labelled face (``rings`` with ``points``, ``ignore`` polygons).
-
-    ``label_share``: share of the labels' length within `tolerance_px` of a traced line; ``traced_share``: share of
-    the traced length within `tolerance_px` of a label; ``label_median_px``: median distance, label to traced.
-    Uncertain labels are not asked for, and what is traced along them or in an ``ignore`` polygon is not judged.
+    More figures are in :func:`woodfit.dendro_scoring.compare_path`.
     """
+    several = [paths] if isinstance(paths, Mapping) else paths
+    return sum((compare_path(polylines, path, tolerance_px).counts for path in several), Counts()).scores()
+
+
+@dataclass(frozen=True)
+class FaceComparison:
+    """Lengths that agree on labelled faces, in steps of a fixed length; adds up over faces.
+
+    Parameters
+    ----------
+    to_traced
+        Distance of places along the labels to what is traced, px.
+    to_label
+        Distance of places along what is traced, where it is judged, to the labels, px.
+    tolerance_px
+        How near is a hit.
+    """
+
+    to_traced: Floats
+    to_label: Floats
+    tolerance_px: float
+
+    def __add__(self, other: FaceComparison) -> FaceComparison:
+        return FaceComparison(
+            np.concatenate([self.to_traced, other.to_traced]),
+            np.concatenate([self.to_label, other.to_label]),
+            self.tolerance_px,
+        )
+
+    def figures(self) -> dict[str, float]:
+        """``label_share``, ``traced_share`` and ``label_median_px``, see :func:`face_score`."""
+        near = [float((distance <= self.tolerance_px).sum()) for distance in (self.to_traced, self.to_label)]
+        return {
+            "label_share": share(near[0], len(self.to_traced)),
+            "traced_share": share(near[1], len(self.to_label)),
+            "label_median_px": float(np.median(self.to_traced)) if len(self.to_traced) else float("nan"),
+        }
+
+
+def compare_face(polylines: Polylines, label: Mapping[str, Any], tolerance_px: float = 3.0) -> FaceComparison:
+    """Traced polylines against a labelled face, see :func:`face_score`."""
     rings = label["rings"]
-    certain = _dense([ring["points"] for ring in rings if not ring.get("uncertain")])
-    doubtful = _dense([ring["points"] for ring in rings if ring.get("uncertain")])
+    certain = _dense([_outline(ring) for ring in rings if not ring.get("uncertain")])
+    doubtful = _dense([_outline(ring) for ring in rings if ring.get("uncertain")])
     traced = _dense(polylines)
     judged = _distance(traced, doubtful) > tolerance_px
     judged |= _distance(traced, certain) <= tolerance_px
     for polygon in label.get("ignore", []):
         certain, outside = certain[~_inside(certain, polygon)], ~_inside(traced, polygon)
         traced, judged = traced[outside], judged[outside]
-    to_traced, to_label = _distance(certain, traced), _distance(traced[judged], certain)
-    return {
-        "label_share": share(float((to_traced <= tolerance_px).sum()), len(to_traced)),
-        "traced_share": share(float((to_label <= tolerance_px).sum()), len(to_label)),
-        "label_median_px": float(np.median(to_traced)) if len(to_traced) else float("nan"),
-    }
+    return FaceComparison(_distance(certain, traced), _distance(traced[judged], certain), tolerance_px)
+
+
+def face_score(polylines: Polylines, label: Mapping[str, Any], tolerance_px: float = 3.0) -> dict[str, float]:
+    """Lengths that agree on a labelled face (``rings`` with ``points`` and perhaps ``closed``, ``ignore`` polygons).
+
+    ``label_share``: share of the labels' length within `tolerance_px` of a traced line; ``traced_share``: share of
+    the traced length within `tolerance_px` of a label; ``label_median_px``: median distance, label to traced.
+    Uncertain labels are not asked for, and what is traced along them or in an ``ignore`` polygon is not judged.
+    """
+    return compare_face(polylines, label, tolerance_px).figures()
+
+
+def _outline(ring: Mapping[str, Any]) -> Floats:
+    """Points (n, 2) of a labelled ring, a closed one back to its first."""
+    points = np.asarray(ring["points"], dtype=float).reshape(-1, 2)
+    return np.concatenate([points, points[:1]]) if ring.get("closed") else points
 
 
 def _dense(polylines: Iterable[ArrayLike]) -> Floats:
