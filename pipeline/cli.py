@@ -174,23 +174,93 @@ def evaluate(
     config: OptionalConfig = DEFAULT_CONFIG,
     labels: Annotated[Path | None, typer.Option("--labels", metavar="DIR", help="Folder with label files.")] = None,
     scan: ScanOption = None,
+    species: Annotated[bool, typer.Option("--species", help="Take a scan's folder for its species.")] = False,
+    tolerance: Annotated[float, typer.Option(min=0.0, metavar="PX", help="How far from a label is a hit.")] = 3.0,
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Write the table.")] = None,
     json_output: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Compare rings and textures with synthetic truth or hand labels, where there are any."""
     with told_to_people(debug):
         from pipeline.commands import evaluate_project
+        from pipeline.evaluation_tables import evaluation_parts, write_csv
 
-        rows, notes = evaluate_project(config, labels, scan)
+        evaluation = evaluate_project(config, labels, scan, species, tolerance)
+        if csv is not None:
+            write_csv(csv, evaluation)
         if json_output:
-            _print_json(rows)
+            _print_json(evaluation.as_json())
         else:
-            from pipeline.tables import figures_table, make_console
+            from pipeline.tables import make_console
 
-            make_console().print(figures_table(rows))
-    for note in notes:
+            make_console().print(*evaluation_parts(evaluation), sep="\n")
+    for note in evaluation.notes:
         print(note, file=sys.stderr)
-    raise typer.Exit(0 if rows else 1)
+    raise typer.Exit(0 if evaluation.scans else 1)
+
+
+@app.command()
+def crossdate(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILES...", help="Series: .rwl, .pos, .fh, .xml, .csv, or a scan's product folder."),
+    ],
+    master: Annotated[
+        Path | None, typer.Option("--master", metavar="FILE", help="Compare with its mean, not with the other series.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE", help="Draw the segment correlations: .png, .svg or .pdf.")
+    ] = None,
+    json_output: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Compare ring width series year by year, and name the years of rings likely missing or false."""
+    with told_to_people(debug):
+        from pipeline.crossdating import as_json, crossdate_files, draw_segments
+
+        result = crossdate_files(files, master)
+        if plot is not None:
+            draw_segments(result, plot)
+        if json_output:
+            _print_json(as_json(result))
+        else:
+            from pipeline.crossdating_text import crossdating_table
+            from pipeline.tables import make_console
+
+            make_console().print(crossdating_table(result))
+    for note in result.notes:
+        print(note, file=sys.stderr)
+
+
+@app.command()
+def series(
+    config: OptionalConfig = DEFAULT_CONFIG,
+    to: Annotated[
+        str, typer.Option("--to", help="Of rwl, pos, boundaries, fh, tridas, csv, csv-long, json; between commas.")
+    ] = "rwl,pos",
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where to write; default: series in the output folder.")
+    ] = None,
+    unit: Annotated[str, typer.Option("--unit", help="Unit of .rwl and .fh, mm: 0.01 or 0.001.")] = "0.001",
+    scan: ScanOption = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="tcp://... of an existing Dask cluster, or 'threads' for this process.")
+    ] = None,
+    debug: DebugOption = False,
+) -> None:
+    """Measure ring widths and write them in the formats of dendrochronology."""
+    with told_to_people(debug):
+        from pipeline.series import parse_formats, parse_unit, series_project
+
+        options = {"workers": workers, "scheduler": scheduler}
+        given = {name: value for name, value in options.items() if value is not None}
+        exported, status = series_project(config, parse_formats(to), out, parse_unit(unit), scan, given, debug)
+    for file in exported.files:
+        print(file)
+    for line in (*exported.notes, *exported.problems):
+        print(line, file=sys.stderr)
+    raise typer.Exit(status)
 
 
 @app.command()

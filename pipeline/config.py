@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError
 
 from pipeline.discover import find_scans
+from pipeline.input_files import check_files, read_files
 from pipeline.problems import Problem, UsageError, did_you_mean, join_path, validation_problems
 
 if TYPE_CHECKING:
@@ -71,13 +72,19 @@ class Config(BaseModel):
     execution: Execution
 
     def params(self, scan: Path, stages: Sequence[Stage]) -> dict[str, Params]:
-        """Full parameters of every stage for one scan."""
+        """Full parameters of every stage for one scan; raise `ScanError` where a file among them cannot be read."""
         chosen: dict[str, dict[str, Any]] = {name: dict(values or {}) for name, values in self.stages.items()}
         for override in self.overrides:
             if matches(scan, override.scans, self.path.parent):
                 for name, values in override.stages.items():
                     chosen.setdefault(name, {}).update(values or {})
-        return {stage.name: stage.params_type.model_validate(chosen.get(stage.name, {})) for stage in stages}
+        others = {other.stem for other in self.scans}
+        full = {}
+        for stage in stages:
+            model = stage.params_type
+            values = read_files(chosen.get(stage.name, {}), model, self.path.parent, scan.stem, others)
+            full[stage.name] = model.model_validate(values)
+        return full
 
 
 def matches(scan: Path, pattern: str, root: Path) -> bool:
@@ -100,7 +107,7 @@ def load_config(path: Path, stages: Sequence[Stage]) -> Config:
     except ValidationError as error:
         for item in error.errors():
             problems += validation_problems(_single(error, item), _known_keys(item["loc"]))
-    problems += _stage_problems(raw, stages)
+    problems += _stage_problems(raw, stages, path.parent)
     scans: tuple[Path, ...] = ()
     wanted = raw.get("scans")
     if isinstance(wanted, str) or (isinstance(wanted, list) and all(isinstance(item, str) for item in wanted)):
@@ -134,15 +141,15 @@ def _known_keys(loc: tuple[str | int, ...]) -> list[str]:
     return list(model.model_fields)
 
 
-def _stage_problems(raw: Mapping[str, Any], stages: Sequence[Stage]) -> list[Problem]:
+def _stage_problems(raw: Mapping[str, Any], stages: Sequence[Stage], root: Path) -> list[Problem]:
     """Check every stage's parameters, in ``stages`` and merged in each of ``overrides``."""
     base = raw.get("stages")
     base = base if isinstance(base, dict) else {}
-    problems = _settings_problems(base, {}, stages, ("stages",))
+    problems = _settings_problems(base, {}, stages, root, ("stages",))
     for index, override in enumerate(_overrides(raw)):
         settings = override.get("stages")
         if isinstance(settings, dict):
-            problems += _settings_problems(settings, base, stages, ("overrides", index, "stages"))
+            problems += _settings_problems(settings, base, stages, root, ("overrides", index, "stages"))
     return problems
 
 
@@ -153,7 +160,11 @@ def _overrides(raw: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _settings_problems(
-    settings: Mapping[Any, Any], base: Mapping[Any, Any], stages: Sequence[Stage], prefix: tuple[str | int, ...]
+    settings: Mapping[Any, Any],
+    base: Mapping[Any, Any],
+    stages: Sequence[Stage],
+    root: Path,
+    prefix: tuple[str | int, ...],
 ) -> list[Problem]:
     by_name = {stage.name: stage for stage in stages}
     problems = []
@@ -167,13 +178,15 @@ def _settings_problems(
         below = base.get(name)
         below = below if isinstance(below, dict) else {}
         model = by_name[name].params_type
+        merged = {**{k: v for k, v in below.items() if k in model.model_fields}, **(values or {})}
+        merged, found = check_files(merged, model, root, *prefix, name)
         try:
-            model.model_validate({**{k: v for k, v in below.items() if k in model.model_fields}, **(values or {})})
+            model.model_validate(merged)
         except ValidationError as error:
-            here = join_path(*prefix, name)
-            inherited = tuple(join_path(here, str(key)) for key in below if key not in (values or {}))
-            found = validation_problems(error, model.model_fields, *prefix, name)
-            problems += [problem for problem in found if not problem.where.startswith(inherited)]
+            found += validation_problems(error, model.model_fields, *prefix, name)
+        here = join_path(*prefix, name)
+        inherited = tuple(join_path(here, str(key)) for key in below if key not in (values or {}))
+        problems += [problem for problem in found if not problem.where.startswith(inherited)]
     return problems
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.contents import Content, FileIndex
 from pipeline.keys import product_key, source_key, stage_key
 from pipeline.layout import Layout, read_json
+from pipeline.problems import ScanError
 from pipeline.reasons import why_product, why_stage
 from pipeline.store import Meta, read_meta
 from pipeline.wiring import SOURCE, Wiring
@@ -132,11 +133,12 @@ def make_plan(
     for scan in config.scans:
         if selection.scan and not matches(scan, selection.scan, config.path.parent):
             continue
-        problem = contents[scan].problem or clashes.get(scan, "")
-        if problem:
-            plans.append(ScanPlan(scan, scan.stem, contents[scan], problem))
-        else:
-            plans.append(planner.plan(scan, contents[scan], config.params(scan, stages)))
+        problem, plan = contents[scan].problem or clashes.get(scan, ""), None
+        try:
+            plan = None if problem else planner.plan(scan, contents[scan], config.params(scan, stages))
+        except ScanError as error:
+            problem = str(error)
+        plans.append(plan or ScanPlan(scan, scan.stem, contents[scan], problem))
     return plans
 
 
@@ -178,7 +180,7 @@ class _Planner:
         for stage in self._stages:
             inputs = {provider: keys[provider] for provider in self._wiring.stages[stage.name]}
             full = params[stage.name].model_dump(mode="json")
-            keys[stage.name] = stage_key(stage.name, stage.version, full, inputs)
+            keys[stage.name] = stage_key(stage.name, stage.version, params[stage.name].key_values(), inputs)
             if stage.name not in self._wanted:
                 continue
             meta = read_meta(self._layout, stage.name, keys[stage.name])

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipeline.input_files import stored_files
 from pipeline.wiring import SOURCE
 
 
@@ -70,9 +71,27 @@ def _parameter_changes(stage: str, now: Mapping[str, Any], before: Mapping[str, 
             reasons.append(f"parameter `{name}` of {stage} is new")
         elif name not in now:
             reasons.append(f"parameter `{name}` of {stage} is gone")
+        elif (files := _file_changes(now[name], before[name])) is not None:
+            reasons += [f"parameter `{name}` of {stage}: {files}"] if files else []
         elif now[name] != before[name]:
             reasons.append(f"parameter `{name}` of {stage} changed from {_short(before[name])} to {_short(now[name])}")
     return reasons
+
+
+def _file_changes(now: Any, before: Any) -> str | None:
+    """Which files were edited, are new or are gone; empty for the same texts, None for values that are no files."""
+    now, before = stored_files(now), stored_files(before)
+    if now is None or before is None or not (now or before):
+        return None
+    if [file.text for file in now] == [file.text for file in before]:
+        return ""
+    there, was = ({file.name: file.text for file in files} for files in (now, before))
+    changes = [
+        f"{name} is new" if name not in was else f"{name} is gone" if name not in there else f"{name} was edited"
+        for name in sorted(set(there) | set(was))
+        if there.get(name) != was.get(name)
+    ]
+    return ", ".join(changes) or "its files changed"
 
 
 def _short(value: Any) -> str:

@@ -6,6 +6,7 @@ from stages.initial_distortion import initial_distortion
 from stages.orientation import orientation
 from stages.phase_polishing import phase_polishing
 from stages.pose import pose
+from stages.ring_series import ring_series
 from stages.ring_tracing import ring_tracing
 from stages.scan import scan
 from stages.stage import Stage
@@ -15,6 +16,7 @@ STAGES: tuple[Stage, ...] = (
     orientation,
     curved_gabor,
     ring_tracing,
+    ring_series,
     pose,
     initial_distortion,
     phase_polishing,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import xarray as xr
 from pydantic import PositiveFloat
 
-from stages.stage import Params, like_image, scalar, stage
-from stages.variables import COHERENCE, ORIENTATION, REDUCTION, RING_SCALE, VALID, VALUE
+from stages.stage import Params, like_image, place_in_array, scalar, stage
+from stages.variables import COHERENCE, ORIENTATION, FACE_PITH_X, FACE_PITH_Y, REDUCTION, RING_SCALE, VALID, VALUE
 
 
 class OrientationParams(Params):
@@ -32,9 +32,9 @@ def _halo(ds: xr.Dataset, params: OrientationParams) -> int:
 
 
 @stage(
-    requires=(VALUE, VALID, RING_SCALE, REDUCTION),
+    requires=(VALUE, VALID, RING_SCALE, REDUCTION, FACE_PITH_X, FACE_PITH_Y),
     provides=(ORIENTATION, COHERENCE),
-    version=1,
+    version=2,
     params=OrientationParams,
     halo=_halo,
 )
@@ -43,6 +43,6 @@ def orientation(ds: xr.Dataset, params: OrientationParams) -> xr.Dataset:
     from woodfit import structure_tensor
 
     angle, coherence = structure_tensor.orientation(
-        ds[VALUE.name].values, ds[VALID.name].values, *_sigmas(ds, params)
+        ds[VALUE.name].values, ds[VALID.name].values, *_sigmas(ds, params), place_in_array(ds, FACE_PITH_X, FACE_PITH_Y)
     )
     return like_image(ds, {ORIENTATION: angle, COHERENCE: coherence})

@@ -14,10 +14,15 @@ import xarray as xr
 from stages.polylines import polylines_of
 from stages.stage import Variable, scalar
 from stages.variables import (
+    ABSENT_YEARS,
     AZIMUTH_WRAPS,
     BOARD_TO_TREE,
+    BRIGHT_OUTWARDS,
     COLOR_STRIP,
+    GROWTH_SURENESS,
     LATENESS_STRIP,
+    OUTERMOST_COMPLETE,
+    OUTERMOST_YEAR,
     PIXEL_SIZE,
     POLISHED_DISPLACEMENT,
     REDUCTION,
@@ -29,6 +34,7 @@ from stages.variables import (
     RING_X,
     RING_Y,
     SAMPLES_PER_RING,
+    SERIES_VARIABLES,
     VALID,
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
@@ -86,6 +92,37 @@ def write_rings(ds: xr.Dataset, path: Path, context: Any) -> None:
         ],
     }
     path.write_text(json.dumps(document), encoding="utf-8")
+
+
+def write_series(ds: xr.Dataset, path: Path, context: Any) -> None:
+    """Write the ring series as JSON (docs/series_json.md)."""
+    path.write_text(json.dumps(series_document_of(ds, context)), encoding="utf-8")
+
+
+def series_document_of(ds: xr.Dataset, context: Any) -> dict[str, Any]:
+    """Everything known of the ring series, as ``series.json`` holds it; `context` as of a product."""
+    from woodfit.dating import dating_for
+    from woodfit.series_arrays import SeriesArrays
+    from woodfit.series_document import series_document
+
+    scan, step, size = Path(context.scan), int(scalar(ds, REDUCTION)), scalar(ds, PIXEL_SIZE)
+    height, width = (int(n) for n in ds[VALID.name].shape)
+    year = ds[OUTERMOST_YEAR.name]
+    dating, remarks = dating_for(
+        scan.stem,
+        None if np.isnan(year.values) else int(year.values),
+        year.attrs.get("pattern") or None,
+        bool(ds[OUTERMOST_COMPLETE.name]),
+        ds[ABSENT_YEARS.name].values.tolist(),
+    )
+    arrays = SeriesArrays(**{variable.name: ds[variable.name].values for variable in SERIES_VARIABLES})
+    return {
+        "image": scan.name,
+        "size": [width * step, height * step],
+        "bright_outwards": bool(ds[BRIGHT_OUTWARDS.name]),
+        "growth_sureness": round(scalar(ds, GROWTH_SURENESS), 3),
+        **series_document(arrays, scan.stem, dating, size if np.isfinite(size) else None, remarks),
+    }
 
 
 def solid_texture_of(ds: xr.Dataset) -> SolidTexture:
@@ -151,4 +188,22 @@ TEXTURE = Product(
     write_texture,
 )
 
-PRODUCTS = (RINGS, TEXTURE)
+SERIES = Product(
+    "series",
+    "series.json",
+    (
+        VALID,
+        REDUCTION,
+        PIXEL_SIZE,
+        BRIGHT_OUTWARDS,
+        GROWTH_SURENESS,
+        OUTERMOST_YEAR,
+        OUTERMOST_COMPLETE,
+        ABSENT_YEARS,
+        *SERIES_VARIABLES,
+    ),
+    1,
+    write_series,
+)
+
+PRODUCTS = (RINGS, SERIES, TEXTURE)

@@ -6,13 +6,15 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, NonNegativeFloat, PositiveFloat
 
-from stages.stage import InputFile, Params, scalar, stage
+from stages.stage import InputFile, Params, place_in_array, scalar, stage
 from stages.variables import (
     ASYMMETRY,
     BRIGHT_OUTWARDS,
     CORRECTED_LATEWOOD_X,
     CORRECTED_LATEWOOD_Y,
     EXPLAINED,
+    FACE_PITH_X,
+    FACE_PITH_Y,
     FREQUENCY,
     GRAIN_RATIO,
     GROWTH_ANGLE,
@@ -73,6 +75,8 @@ class RingTracingParams(Params):
         RING_SCALE,
         REDUCTION,
         VESSEL_SCALE,
+        FACE_PITH_X,
+        FACE_PITH_Y,
     ),
     provides=(
         RING_X,
@@ -117,17 +121,15 @@ def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
         max_gap_rings=params.max_gap_rings,
         shortest_rings=params.shortest_rings,
         vessels=scalar(ds, VESSEL_SCALE) > 0,
+        pith=place_in_array(ds, FACE_PITH_X, FACE_PITH_Y),
     )
     origin = [float(ds.coords[name][0]) if name in ds.coords else 0.0 for name in ("x", "y")]
-    marked = [path.scaled(origin, step) for file in params.corrected for path in read_marked_paths(file.text, file.name)]
+    marked = [path for file in params.corrected for path in read_marked_paths(file.text, file.name)]
     corrected = correction.apply_corrections(
         found,
-        marked,
-        ds[VALUE.name].values,
+        [path.scaled(origin, step) for path in marked],
         ds[VALID.name].values,
-        ds[RING_ORIENTATION.name].values,
         ds[FREQUENCY.name].values * step,
-        scalar(ds, RING_SCALE) / step,
     )
     found = corrected.rings
     points, belief, counts = rings.ragged(found.traces)
@@ -144,7 +146,7 @@ def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
             VERTEX_COUNT.name: vertex_count,
             RING_INDEX.name: RING_INDEX.array(found.order.index),
             RING_GROUP.name: RING_GROUP.array(found.order.group),
-            RING_CONFIDENCE.name: RING_CONFIDENCE.array(rings.ring_confidence(found)),
+            RING_CONFIDENCE.name: RING_CONFIDENCE.array(np.maximum(rings.ring_confidence(found), corrected.certain)),
             RING_CLOSED.name: RING_CLOSED.array(np.array([t.closed for t in found.traces], bool)),
             RING_PHASE.name: RING_PHASE.array(found.phase),
             PHASE_CONFIDENCE.name: PHASE_CONFIDENCE.array(found.confidence),

@@ -14,6 +14,8 @@ from stages.variables import (
     DPI_PIXEL_SIZE,
     ENCODED,
     OPAQUE,
+    FACE_PITH_X,
+    FACE_PITH_Y,
     PIXEL_SIZE,
     REDUCTION,
     RGB,
@@ -39,6 +41,9 @@ class ScanParams(Params):
     reduction: PositiveInt | None = None
     """Scan px per analysed px along each axis; chosen from the ring width when not given."""
 
+    pith_px: tuple[float, float] | None = None
+    """x, y of the pith in scan px where the face shows it; found when not given."""
+
     background_white: float = Field(default=0.92, gt=0.5, le=1.0)
     """Colorless areas at the scan's edge at least this bright (encoded value) are background."""
 
@@ -48,7 +53,7 @@ class ScanParams(Params):
 
 @stage(
     requires=(ENCODED, OPAQUE, DPI_PIXEL_SIZE),
-    provides=(RGB, VALUE, VALID, PIXEL_SIZE, REDUCTION, RING_SCALE, VESSEL_SCALE),
+    provides=(RGB, VALUE, VALID, PIXEL_SIZE, REDUCTION, RING_SCALE, VESSEL_SCALE, FACE_PITH_X, FACE_PITH_Y),
     version=2,
     params=ScanParams,
 )
@@ -58,6 +63,7 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
 
     encoded, opaque = ds[ENCODED.name], ds[OPAQUE.name]
     height, width = opaque.shape
+    # Background, pith and ring width are seen on an overview or on samples, whatever the size of the scan.
     overview_step = max(1, -(-max(height, width) // 1200))
     mask = photograph.wood_mask(
         _part(encoded, slice(None), slice(None), overview_step),
@@ -83,6 +89,8 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     if pores and params.ring_width_px is None:
         # Blurred twice as far: single vessels must not pass for narrow rings.
         scale_px = ring_scale.ring_scale((height, width), window_of(vessels.density_signal, pores, 2.0))
+    overview = _part(encoded, slice(None), slice(None), overview_step)
+    pith = params.pith_px or _pith(photograph.grey_value(overview), mask, overview_step)
     step = params.reduction or photograph.reduction_for((height, width), scale_px)
     arrays = xr.apply_ufunc(
         photograph.develop,
@@ -112,6 +120,8 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
             PIXEL_SIZE.name: PIXEL_SIZE.array(np.float64(pixel_size)),
             REDUCTION.name: REDUCTION.array(np.int64(step)),
             RING_SCALE.name: RING_SCALE.array(np.float64(scale_px)),
+            FACE_PITH_X.name: FACE_PITH_X.array(np.float64(pith[0])),
+            FACE_PITH_Y.name: FACE_PITH_Y.array(np.float64(pith[1])),
             VESSEL_SCALE.name: VESSEL_SCALE.array(np.int64(pores)),
         },
         coords=coords,
@@ -149,3 +159,14 @@ def _neighbourhood(function: Any, array: xr.DataArray, margin: int, *arguments: 
     else:
         data = function(array.values, *arguments)
     return array.copy(data=data)
+
+
+def _pith(overview: Any, mask: Any, overview_step: int) -> tuple[float, float]:
+    """Pith in scan px as an overview shows it, NaN where it does not."""
+    from woodfit import centre, structure_tensor
+
+    angle, coherence = structure_tensor.orientation(overview, mask, 1.5, 5.0)
+    found = centre.find_centre(angle, coherence * mask)
+    if found is None:
+        return float("nan"), float("nan")
+    return found[0] * overview_step, found[1] * overview_step

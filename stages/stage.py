@@ -13,13 +13,57 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from pydantic import BaseModel, ConfigDict
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetJsonSchemaHandler,
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
+from pydantic.json_schema import JsonSchemaValue
+
+KEY_CONTEXT = {"names_of_files": False}
+
+
+class InputFile(BaseModel):
+    """A text file as a parameter: the YAML names it, the stage gets what is in it.
+
+    A field is declared ``InputFile | None`` or ``tuple[InputFile, ...]`` and written as a path relative to the YAML,
+    with ``{stem}`` for the scan's name without suffix; for a tuple as a glob, or a list of paths and globs.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    name: str
+    """Name without folders, for messages; no part of any key."""
+    text: str
+    """Content."""
+
+    @model_serializer(mode="wrap")
+    def _without_name(self, handler: SerializerFunctionWrapHandler, info: SerializationInfo) -> dict[str, Any]:
+        fields: dict[str, Any] = handler(self)
+        if info.context == KEY_CONTEXT:
+            fields.pop("name")
+        return fields
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        # As it is written in the YAML.
+        return {"type": "string", "format": "path", "description": "Path of a text file."}
+
+    def __str__(self) -> str:
+        return self.name
 
 
 class Params(BaseModel):
     """Frozen parameters of one stage; the string under a field is its help text."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    def key_values(self) -> dict[str, Any]:
+        """JSON values that decide the stage's result: all but the names of files."""
+        return self.model_dump(mode="json", context=KEY_CONTEXT)
 
 
 class ContractError(ValueError):
@@ -144,6 +188,16 @@ def stage(
 def scalar(ds: xr.Dataset, variable: Variable) -> float:
     """Value of a 0-d variable as a Python float."""
     return float(np.asarray(ds[variable.name].values))
+
+
+def place_in_array(ds: xr.Dataset, x: Variable, y: Variable) -> tuple[float, float] | None:
+    """Column and row of a point given in scan px by two 0-d variables; None where they are NaN."""
+    place = []
+    for variable, axis in ((x, "x"), (y, "y")):
+        centres = ds.coords[axis].values
+        spacing = float(centres[1] - centres[0]) if len(centres) > 1 else 1.0
+        place.append((scalar(ds, variable) - float(centres[0])) / spacing)
+    return (place[0], place[1]) if np.isfinite(place).all() else None
 
 
 def like_image(ds: xr.Dataset, values: dict[Variable, Any], attrs: dict[str, Any] | None = None) -> xr.Dataset:

@@ -31,6 +31,8 @@ VALID = Variable("valid", ("y", "x"), "b", "1", "True on wood; false on backgrou
 PIXEL_SIZE = Variable("pixel_size", (), "f", "mm", "Size of a scan pixel; NaN when no scale is known.")
 REDUCTION = Variable("reduction", (), "iu", "1", "Scan pixels per array element along each axis.")
 RING_SCALE = Variable("ring_scale", (), "f", "px", "Characteristic ring width found in the scan, in scan px.")
+FACE_PITH_X = Variable("face_pith_x", (), "f", "px", "x of the pith where rings close around it on the face; NaN elsewhere.")
+FACE_PITH_Y = Variable("face_pith_y", (), "f", "px", "y of the pith where rings close around it on the face; NaN elsewhere.")
 
 # --- orientation --------------------------------------------------------------------------------------------
 ORIENTATION = Variable(
@@ -79,10 +81,10 @@ RING_GROUP = Variable(
 )
 RING_CLOSED = Variable("ring_closed", ("ring",), "b", "1", "True where the polyline returns to its start.")
 CORRECTED_LATEWOOD_X = Variable(
-    "corrected_latewood_x", ("corrected_latewood",), "f", "px", "x of the earlywood/latewood borders that a person gave."
+    "corrected_latewood_x", ("corrected_latewood",), "f", "px", "x of the latewood onsets that a person gave."
 )
 CORRECTED_LATEWOOD_Y = Variable(
-    "corrected_latewood_y", ("corrected_latewood",), "f", "px", "y of the earlywood/latewood borders that a person gave."
+    "corrected_latewood_y", ("corrected_latewood",), "f", "px", "y of the latewood onsets that a person gave."
 )
 RING_PHASE = Variable(
     "ring_phase", ("y", "x"), "f", "rad", "Wrapped 2 pi ring age: 0 at the boundaries, growing outwards, -pi..pi."
@@ -225,6 +227,17 @@ PITH_DISTANCE = Variable(
     "Way from the series' inner end to the pith, and one standard deviation less and more; NaN when nothing tells.",
 )
 PITH_YEARS = Variable("pith_years", ("series",), "i", "1", "Rings between the inner end and the pith; -1 if unknown.")
+OUTERMOST_YEAR = Variable(
+    "outermost_year",
+    (),
+    "f",
+    "year",
+    "Year of the outermost wood; NaN when not given. Its attribute `pattern` finds it in the scan's name.",
+)
+OUTERMOST_COMPLETE = Variable(
+    "outermost_complete", (), "b", "1", "True where the last boundary ends the outermost year's ring."
+)
+ABSENT_YEARS = Variable("absent_years", ("absent",), "i", "year", "Years whose ring is locally absent.")
 SERIES_VARIABLES = (
     PATH_X,
     PATH_Y,

@@ -118,7 +118,7 @@ def latewood_foot(
     ring_width_px: npt.NDArray[Any],
     closed: bool,
     level: float = 0.8,
-) -> npt.NDArray[np.float64]:
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
     """Way in px from the steepest point of a step inwards to where latewood is reached.
 
     A boundary is the outer edge of the last latewood cells. The step is blurred and often has two parts, so its
@@ -138,9 +138,11 @@ def latewood_foot(
 
     Returns
     -------
-    array of shape (K,)
-        Ways inwards, smooth along the boundary; at most 2.5 % of the ring width (0.5 px where that is less), and 0
-        where latewood is not reached within that.
+    way : array of shape (K,)
+        Inwards, smooth along the boundary; at most 2.5 % of the ring width (0.5 px where that is less), and 0 where
+        latewood is not reached within that.
+    sharp : bool array of shape (K,)
+        Where it was reached: elsewhere the step is out of focus.
     """
     most = np.maximum(0.5, 0.025 * np.asarray(ring_width_px))
     reach = np.linspace(-2.0, 2.0, 33)
@@ -153,7 +155,8 @@ def latewood_foot(
     first = reached.argmax(axis=1)
     way = ways[np.arange(len(points)), 16 + first]
     # A step wider than that is out of focus: its steepest point is then the best guess.
-    return _smooth(np.where(reached.any(axis=1) & (way <= most), way, 0.0), closed, sigma=4.0)
+    sharp = reached.any(axis=1) & (way <= most)
+    return _smooth(np.where(sharp, way, 0.0), closed, sigma=4.0), sharp
 
 
 def sample_image(

@@ -201,6 +201,7 @@ def find_growth(
     bright_outwards: bool | None = None,
     pores: float = 0.0,
     along_stem: bool = False,
+    pith: tuple[float, float] | None = None,
 ) -> Growth:
     """Outward direction of growth over a face.
 
@@ -222,11 +223,15 @@ def find_growth(
         From `pore_evidence`: vessels make the abrupt edge the onset of dark pores.
     along_stem : bool
         True on faces along the stem, where rings wave and their bends say little.
+    pith : x, y in pixels, optional
+        Where rings close around the pith on the face: growth is then away from it, and only the kind of wood is open.
 
     Returns
     -------
     Growth
     """
+    if pith is not None:
+        return _around(pith, normal, asymmetry, confidence * valid, ring_scale_px, bright_outwards)
     cells = _cells(normal, asymmetry, confidence, valid, ring_scale_px)
     bent, stepped = _settle(cells, (cells.convexity, cells.asymmetry))
     # How well the two kinds of evidence agree over the face, -1..1: convex rings against brightening edges.
@@ -243,6 +248,28 @@ def find_growth(
     direction = _expand(cells, np.sign(verdict), normal)
     flux = outward_flux(direction, confidence * valid, ring_scale_px)
     return Growth(direction, outwards, float(sureness), flux)
+
+
+def _around(
+    pith: tuple[float, float],
+    normal: npt.NDArray[Any],
+    asymmetry: npt.NDArray[Any],
+    confidence: npt.NDArray[Any],
+    ring_scale_px: float,
+    bright_outwards: bool | None,
+) -> Growth:
+    """Growth away from a pith that is seen."""
+    base = np.asarray(normal, np.float32)
+    away_x = np.arange(base.shape[1], dtype=np.float32)[None, :] - np.float32(pith[0])
+    away_y = np.arange(base.shape[0], dtype=np.float32)[:, None] - np.float32(pith[1])
+    outwards = away_x * np.cos(base) + away_y * np.sin(base)
+    direction = np.where(outwards < 0.0, base + np.float32(np.pi), base)
+    direction = np.arctan2(np.sin(direction), np.cos(direction)).astype(np.float32)
+    # Normals point to the bright side of the abrupt edges: outwards in conifers.
+    vote = float((confidence * asymmetry * np.sign(outwards)).sum() / max(float((confidence * asymmetry).sum()), 1e-12))
+    bright = vote > 0.0 if bright_outwards is None else bright_outwards
+    sureness = 1.0 if bright_outwards is not None else 0.5 + 0.5 * min(1.0, abs(vote) / 0.5)
+    return Growth(direction, bright, sureness, outward_flux(direction, confidence, ring_scale_px))
 
 
 def _expand(cells: _Cells, spin: npt.NDArray[Any], normal: npt.NDArray[Any]) -> FloatArray:

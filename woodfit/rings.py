@@ -12,8 +12,10 @@ import numpy.typing as npt
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.growth import Growth, find_growth, pore_evidence
 from woodfit.infill import missed_boundaries
+from woodfit.ring_belief import believe, without_doubtful
 from woodfit.ring_order import Order, order_rings
 from woodfit.streamlines import smooth_along
+from woodfit.trace_spacing import kept_apart, without_doubles
 from woodfit.tracing import Trace, trace_rings
 
 FloatArray = npt.NDArray[np.float32]
@@ -37,6 +39,8 @@ class Rings:
         Confidence of the phase, 0..1.
     grain_ratio : float
         Slope of the fine texture across over along the rings.
+    strength : float32 array of shape (M, N)
+        From `woodfit.boundary.edge_strength`: what the boundaries lie on the ridges of.
     """
 
     traces: list[Trace]
@@ -45,6 +49,7 @@ class Rings:
     phase: FloatArray
     confidence: FloatArray
     grain_ratio: float
+    strength: FloatArray
 
 
 def ragged(
@@ -58,9 +63,8 @@ def ragged(
 
 
 def ring_confidence(found: Rings) -> npt.NDArray[np.float64]:
-    """Confidence of each polyline, 0..1: mean of its vertices, less where the count of its neighbours disagrees."""
-    means = np.array([float(t.confidence.mean()) for t in found.traces])
-    return np.asarray(np.sqrt(means) * found.order.agreement)
+    """Probability of each polyline to be a ring boundary: the mean over its vertices."""
+    return np.array([float(t.confidence.mean()) for t in found.traces], np.float64)
 
 
 def describe_doubt(found: Rings) -> list[str]:
@@ -126,6 +130,7 @@ def find_rings(
     max_gap_rings: float = 1.5,
     shortest_rings: float = 2.0,
     vessels: bool = False,
+    pith: tuple[float, float] | None = None,
 ) -> Rings:
     """Trace all ring boundaries of a face, move them onto their edges and number them.
 
@@ -143,6 +148,8 @@ def find_rings(
         As in `woodfit.tracing.trace_rings`.
     vessels : bool
         True where `value` is the density of vessels: they begin abruptly, so that edges darken outwards.
+    pith : x, y in pixels of these arrays, optional
+        Where rings close around the pith on the face.
 
     Returns
     -------
@@ -157,7 +164,7 @@ def find_rings(
         if grain > STREAKED:
             pores = min(pores, 2.0 * PORES)
     growth = find_growth(
-        normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, grain > 1.2
+        normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, grain > 1.2, pith
     )
     # A wave that rises through zero along the edge direction has phase -pi/2 there.
     with_growth = np.cos(growth.direction - normal) >= 0.0
@@ -173,12 +180,13 @@ def find_rings(
     phase = np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32)
     traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
     moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
-    kept = _without_faint(_without_doubles(moved, frequency), response, strength)
-    kept += missed_boundaries(kept, strength, growth.direction, frequency, valid)
+    kept = _believed(without_doubles(moved, frequency), strength, valid, frequency, ring_scale_px)
+    between = missed_boundaries(kept, strength, growth.direction, frequency, valid)
+    kept += _believed(between, strength, valid, frequency, ring_scale_px)
     if growth.bright_outwards:
         along, _ = smooth_along(value, valid, orientation, 9, 3.0)
-        kept = [_onto_latewood(trace, along, growth.direction, frequency) for trace in kept]
-    kept = _apart(kept, valid.shape)
+        kept = _onto_latewood(kept, along, growth.direction, frequency)
+    kept = kept_apart(kept, valid.shape)
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid, phase)
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
@@ -189,6 +197,7 @@ def find_rings(
         phase,
         confidence,
         grain,
+        strength,
     )
 
 
@@ -231,87 +240,32 @@ def _onto_edges(
 
 
 def _onto_latewood(
-    trace: Trace, value: FloatArray, direction: FloatArray, frequency: npt.NDArray[Any]
-) -> Trace:
-    """Trace moved from the steepest point of its step to the latewood inside."""
-    angle = _sample(direction, trace.points)
-    inwards = latewood_foot(value, trace.points, angle, 1.0 / _sample(frequency, trace.points), trace.closed)
-    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * inwards[:, None]
-    return replace(trace, points=trace.points - step)
+    traces: list[Trace], value: FloatArray, direction: FloatArray, frequency: npt.NDArray[Any]
+) -> list[Trace]:
+    """Traces moved from the steepest point of their steps to the latewood inside, unless the scan is out of focus."""
+    moved, sharp = [], 0
+    for trace in traces:
+        angle = _sample(direction, trace.points)
+        width = 1.0 / _sample(frequency, trace.points)
+        inwards, reached = latewood_foot(value, trace.points, angle, width, trace.closed)
+        step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * inwards[:, None]
+        moved.append(replace(trace, points=trace.points - step))
+        sharp += int(reached.sum())
+    return moved if sharp > 0.5 * sum(len(trace.points) for trace in traces) else traces
+
+
+def _believed(
+    traces: list[Trace],
+    strength: FloatArray,
+    valid: npt.NDArray[np.bool_],
+    frequency: npt.NDArray[Any],
+    ring_scale_px: float,
+) -> list[Trace]:
+    """Traces with their probabilities, the unlikely ones left out."""
+    return without_doubtful(believe(traces, strength, valid, frequency, ring_scale_px), frequency)
 
 
 def _weighted_median(values: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> float:
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])]) if total[-1] > 0 else 0.0
-
-
-def _without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: FloatArray) -> list[Trace]:
-    """Drop boundaries whose wave is a small part of what the face's boundaries have: fibre in a wide ring.
-
-    A faint edge is believed where the wave goes on strongly: a pale ring among clear ones is still a ring.
-    """
-    if len(traces) < 4:
-        return traces
-    length = np.array([len(t.points) for t in traces], np.float64)
-    wave, edge = (
-        typical / max(_weighted_median(typical, length), 1e-12)
-        for image in (np.abs(response), np.maximum(strength, 0.0))
-        for typical in [np.array([float(np.median(_sample(image, t.points))) for t in traces])]
-    )
-    keep = (wave >= 0.2) & ((edge >= 0.15) | (wave >= 0.6))
-    return [t for t, good in zip(traces, keep, strict=True) if good]
-
-
-def _without_doubles(traces: list[Trace], frequency: npt.NDArray[Any]) -> list[Trace]:
-    """Drop a boundary most of which came to lie on a surer one."""
-    if not traces:
-        return traces
-    order = sorted(range(len(traces)), key=lambda i: (-float(traces[i].confidence.sum()), i))
-    taken = np.full(frequency.shape, 255, np.uint8)
-    kept: list[Trace] = []
-    for i in order:
-        trace = traces[i]
-        if kept:
-            distance = cv2.distanceTransform(taken, cv2.DIST_L2, 3)
-            near = _sample(distance, trace.points) < 0.22 / _sample(frequency, trace.points)
-            if near.mean() > 0.5:
-                continue
-            if near.any() and not trace.closed:
-                trace = _longest_free(trace, ~near)
-                if len(trace.points) < 4:
-                    continue
-        cv2.polylines(taken, [np.round(trace.points * 16).astype(np.int32)], trace.closed, 0, 1, shift=4)
-        kept.append(trace)
-    return kept
-
-
-def _apart(traces: list[Trace], shape: tuple[int, ...], least_px: float = 1.8) -> list[Trace]:
-    """Traces cut where moving brought them onto a surer one: no two may cross.
-
-    Vertices are a pixel apart and the drawn lines half a pixel off at most, so lines that cross have vertices nearer
-    than `least_px`.
-    """
-    order = sorted(range(len(traces)), key=lambda i: (-float(traces[i].confidence.sum()), i))
-    taken = np.full(shape, 255, np.uint8)
-    kept: list[Trace] = []
-    for i in order:
-        trace = traces[i]
-        if kept:
-            near = _sample(cv2.distanceTransform(taken, cv2.DIST_L2, 5), trace.points) < least_px
-            if near.any():
-                trace = _longest_free(trace, ~near)
-        if len(trace.points) < 4:
-            continue
-        cv2.polylines(taken, [np.round(trace.points * 16).astype(np.int32)], trace.closed, 0, 1, shift=4)
-        kept.append(trace)
-    return kept
-
-
-def _longest_free(trace: Trace, free: npt.NDArray[np.bool_]) -> Trace:
-    """Longest stretch of a trace where `free` holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], free.astype(np.int8), [0]])))
-    starts, ends = edges[::2], edges[1::2]
-    longest = int(np.argmax(ends - starts)) if len(starts) else 0
-    part = slice(starts[longest], ends[longest]) if len(starts) else slice(0, 0)
-    return Trace(trace.points[part], trace.confidence[part], False)

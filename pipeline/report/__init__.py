@@ -11,7 +11,10 @@ if TYPE_CHECKING:
 
     from pipeline.context import ProductContext, ScanRow
 
-__all__ = ["write_index", "write_scan_report"]
+__all__ = ["VERSION", "write_index", "write_scan_report"]
+
+#: Goes up when the same results give another page.
+VERSION = 2
 
 
 def write_scan_report(ds: xr.Dataset, path: Path, context: ProductContext) -> None:

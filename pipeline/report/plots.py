@@ -47,7 +47,13 @@ _SETTINGS: Any = {
 _LOCK = threading.Lock()
 
 
-def svg(name: str, alt: str, size_pt: tuple[float, float], draw: Callable[[Axes], None]) -> str:
+def svg(
+    name: str,
+    alt: str,
+    size_pt: tuple[float, float],
+    draw: Callable[[Axes], None],
+    place: tuple[float, float, float, float] | None = None,
+) -> str:
     """Draw on one pair of axes.
 
     Parameters
@@ -60,6 +66,9 @@ def svg(name: str, alt: str, size_pt: tuple[float, float], draw: Callable[[Axes]
         Width and height, in points.
     draw
         Draws on the axes.
+    place
+        Left, bottom, width and height of the axes as shares of the drawing, so that several agree; what fits when
+        ``None``.
 
     Returns
     -------
@@ -71,9 +80,9 @@ def svg(name: str, alt: str, size_pt: tuple[float, float], draw: Callable[[Axes]
     from matplotlib.figure import Figure
 
     with _LOCK, matplotlib.rc_context(_SETTINGS):
-        figure = Figure(figsize=(size_pt[0] / 72.0, size_pt[1] / 72.0), layout="constrained")
+        figure = Figure(figsize=(size_pt[0] / 72.0, size_pt[1] / 72.0), layout=None if place else "constrained")
         FigureCanvasSVG(figure)
-        draw(figure.add_subplot())
+        draw(figure.add_axes(place) if place else figure.add_subplot())
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     return _inline(buffer.getvalue(), name, alt)

@@ -71,7 +71,7 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
     if photograph is None or frame is None:
         return None
     rings = rings_of(scan)
-    shown = _shown(frame)
+    shown = shown_size(frame)
     section: dict[str, Any] = {
         "shown": shown,
         "picture": jpeg(photograph, _alt(name, frame, rings), 86),
@@ -107,8 +107,8 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
     return section
 
 
-def _shown(frame: Frame) -> dict[str, float]:
-    """Least and most width of the picture on the screen, px."""
+def shown_size(frame: Frame) -> dict[str, float]:
+    """Least and most width of a photograph on the screen, px."""
     if frame.width >= frame.height:
         return {"least": min(4000.0, round(_LEAST_PX * frame.width / frame.height)), "most": 4000.0}
     return {"least": 0.0, "most": max(_LEAST_PX, round(_WIDE_PX * frame.width / frame.height))}

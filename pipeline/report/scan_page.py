@@ -9,15 +9,19 @@ import xarray as xr
 
 from pipeline.context import ProductContext
 from pipeline.report.compare import compare_section
+from pipeline.report.dendro import dendro_section
 from pipeline.report.fitting import fit_section
 from pipeline.report.maps import map_figures
 from pipeline.report.reading import Scan
 from pipeline.report.rings import ring_section, thumbnail
+from pipeline.report.series_plots import DrawnSeries
+from pipeline.report.series_reading import drawn_series
 from pipeline.report.solid import solid_section
 from pipeline.report.strip import strip_section
 from pipeline.report.tables import number_text, seconds_text, stage_rows
 from pipeline.report.templating import render
 from pipeline.report.trunk import pose_section
+from stages.products import SERIES, series_document_of
 from stages.variables import COLOR_STRIP, FREQUENCY, RING_SCALE, RING_X
 
 
@@ -40,6 +44,7 @@ def render_scan(ds: xr.Dataset, context: ProductContext) -> str:
     name = context.scan.name
     sections: dict[str, Any] = {
         "rings": ring_section(scan, name),
+        "series": dendro_section(scan, _series(scan, context)),
         "maps": map_figures(scan),
         "compare": compare_section(scan),
         "solid": solid_section(scan),
@@ -56,11 +61,17 @@ def render_scan(ds: xr.Dataset, context: ProductContext) -> str:
         facts=_facts(scan, context, sections),
         total=seconds_text(sum(context.seconds.values())),
         has_rings=scan.has(RING_X),
+        has_series=sections["series"] is not None,
         has_texture=sections["solid"] is not None,
         last_stage=list(context.keys)[-1] if context.keys else "",
         complete=scan.has(COLOR_STRIP),
         **sections,
     )
+
+
+def _series(scan: Scan, context: ProductContext) -> list[DrawnSeries]:
+    """Measured series, none before they were measured."""
+    return drawn_series(series_document_of(scan.ds, context)) if scan.has(*SERIES.requires) else []
 
 
 def _facts(scan: Scan, context: ProductContext, sections: dict[str, Any]) -> list[dict[str, str]]:

@@ -1,0 +1,111 @@
+"""How likely a traced line is a ring boundary: a probability that means what it says.
+
+Three things were measured on every traced vertex of labelled scans (six cores and discs, seven faces of a block) and of
+synthetic boards with and without noise, false lines left in: how strong the edge is beside the slopes around it, near
+the vertex and over the whole line, and how well a wave explains the grey values along the line. A logistic regression
+on them gave the constants below. Of the boundaries said to be right with 0.9 or more, 99 in 100 were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+from woodfit.tracing import Trace
+
+FloatArray = npt.NDArray[np.float32]
+
+#: Of: 1, log(0.3 + contrast near the vertex), log(0.3 + median contrast of the line), mean confidence of its wave.
+_WEIGHTS = (-4.56, 2.30, 4.05, 6.20)
+#: A contrast beyond this says no more.
+_CLEAR = 6.0
+
+
+def believe(
+    traces: list[Trace],
+    strength: FloatArray,
+    valid: npt.NDArray[np.bool_],
+    frequency: npt.NDArray[Any],
+    ring_scale_px: float,
+) -> list[Trace]:
+    """Traces with the probability of being a ring boundary as their confidence, vertex by vertex.
+
+    Parameters
+    ----------
+    traces : list of Trace
+        On their edges; their confidence is that of the wave.
+    strength : array of shape (M, N)
+        From `woodfit.boundary.edge_strength`.
+    valid : bool array of shape (M, N)
+        The wood.
+    frequency : array of shape (M, N)
+        Rings per pixel.
+    ring_scale_px : float
+        Characteristic ring width in pixels.
+
+    Returns
+    -------
+    list of Trace
+    """
+    around = _mean_slope(strength, valid, ring_scale_px)
+    return [replace(trace, confidence=_belief(trace, strength, around, frequency)) for trace in traces]
+
+
+def _belief(
+    trace: Trace, strength: FloatArray, around: FloatArray, frequency: npt.NDArray[Any]
+) -> npt.NDArray[np.float64]:
+    cols = np.clip(np.round(trace.points[:, 0]).astype(int), 0, strength.shape[1] - 1)
+    rows = np.clip(np.round(trace.points[:, 1]).astype(int), 0, strength.shape[0] - 1)
+    edge = np.maximum(strength[rows, cols], 0.0)
+    contrast = np.minimum(edge / np.maximum(around[rows, cols], 1e-9), _CLEAR).astype(np.float64)
+    sigma = max(1.0, 1.0 / float(np.median(frequency[rows, cols])))
+    near = gaussian_filter1d(contrast, sigma, mode="wrap" if trace.closed else "nearest")
+    base, local, whole, wave = _WEIGHTS
+    score = base + whole * np.log(0.3 + float(np.median(contrast))) + wave * float(trace.confidence.mean())
+    return np.asarray(1.0 / (1.0 + np.exp(-(score + local * np.log(0.3 + near)))))
+
+
+def _mean_slope(strength: FloatArray, valid: npt.NDArray[np.bool_], ring_scale_px: float) -> FloatArray:
+    """Mean size of the slope across the rings within about a ring of each pixel."""
+    wood = valid.astype(np.float32)
+    sigma = float(ring_scale_px)
+    mass = cv2.GaussianBlur(wood, (0, 0), sigma)
+    return np.asarray(cv2.GaussianBlur(np.abs(strength) * wood, (0, 0), sigma) / (mass + 1e-6), np.float32)
+
+
+def without_doubtful(
+    traces: list[Trace], frequency: npt.NDArray[Any], least: float = 0.4, least_at_ends: float = 0.25
+) -> list[Trace]:
+    """Traces that are more likely right than `least`, without ends that wander off.
+
+    Parameters
+    ----------
+    traces : list of Trace
+        From `believe`.
+    frequency : array of shape (M, N)
+        Rings per pixel.
+    least : float
+        Least mean probability of a trace.
+    least_at_ends : float
+        Ends less likely than this are cut off.
+
+    Returns
+    -------
+    list of Trace
+    """
+    kept = []
+    for trace in traces:
+        good = np.flatnonzero(trace.confidence >= least_at_ends)
+        if not len(good):
+            continue
+        if not trace.closed:
+            part = slice(int(good[0]), int(good[-1]) + 1)
+            trace = Trace(trace.points[part], trace.confidence[part], False)
+        if len(trace.points) >= 4 and float(trace.confidence.mean()) >= least:
+            kept.append(trace)
+    return kept
