@@ -181,8 +181,10 @@ def find_rings(
     traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
     moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
     kept = _believed(without_doubles(moved, frequency), strength, valid, frequency, ring_scale_px)
-    between = missed_boundaries(kept, strength, growth.direction, frequency, valid)
-    kept += _believed(between, strength, valid, frequency, ring_scale_px)
+    if not vessels:
+        # Beside a ring of vessels the latewood's fine texture would pass for another.
+        between = missed_boundaries(kept, strength, growth.direction, frequency, valid)
+        kept += _believed(between, strength, valid, frequency, ring_scale_px)
     if growth.bright_outwards:
         along, _ = smooth_along(value, valid, orientation, 9, 3.0)
         kept = _onto_latewood(kept, along, growth.direction, frequency)

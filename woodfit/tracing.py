@@ -61,6 +61,7 @@ def _walk(
     max_gap: float,
     limit: int,
     label: int,
+    most_turn: float,
 ) -> tuple[npt.NDArray[np.float64], bool, float]:  # pragma: no cover - compiled
     """Walk one way from a start: rows of x, y, confidence; whether it closed; how far it turned, in rad."""
     height, width = phase.shape
@@ -86,7 +87,7 @@ def _walk(
             hx, hy = hx / norm, hy / norm
             turned += before_x * hy - before_y * hx
             # Once round without coming home: a tear has led the walk onto the next ring.
-            if abs(turned) > 6.6:
+            if abs(turned) > most_turn:
                 break
         x += hx
         y += hy
@@ -125,6 +126,18 @@ def _walk(
             kept = count
             break
     return path[:kept].copy(), closed, abs(turned)
+
+
+#: Turn in rad after which a walk has been once round.
+_ONCE_ROUND = 6.6
+
+
+def _close(path: npt.NDArray[np.float64], near_px: float) -> tuple[npt.NDArray[np.float64], bool]:
+    """Path (K, 3) cut where it comes back to its start, and whether it does."""
+    tail = len(path) - len(path) // 5
+    apart = np.hypot(*(path[tail:, :2] - path[0, :2]).T)
+    home = int(apart.argmin())
+    return (path[: tail + home + 1], True) if apart[home] < near_px else (path, False)
 
 
 def trace_rings(
@@ -186,12 +199,15 @@ def trace_rings(
         y = float(np.clip(row + shift * grow_y[row, col], 0, height - 1))
         fields = (phase, grow_x, grow_y, frequency, confidence, valid, owner, x, y)
         limits = (floor_confidence, max_gap_rings / f, limit, label)
-        ahead, closed, turned = _walk(*fields, 1.0, *limits)
+        ahead, closed, turned = _walk(*fields, 1.0, *limits, _ONCE_ROUND)
         parts = [np.array([[x, y, confidence[row, col]]]), ahead]
         if not closed and turned < 6.0:
-            behind, _, _ = _walk(*fields, -1.0, *limits)
+            behind, _, more = _walk(*fields, -1.0, *limits, max(0.0, _ONCE_ROUND - turned))
             parts.insert(0, behind[::-1])
+            turned += more
         path = np.concatenate(parts)
+        if not closed and turned > 5.5:
+            path, closed = _close(path, 0.35 / f)
         if len(path) < min(shortest_rings / f, 0.6 * min(height, width)) and not closed:
             _mark(owner, x, y, 0.3 / f, -1)
             continue
