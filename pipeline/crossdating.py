@@ -175,7 +175,7 @@ def _read(path: Path, problems: list[Problem]) -> list[RingSeries]:
     try:
         return read_series(path)
     except (FormatError, OSError) as error:
-        problems.append(Problem(str(path), str(error).removeprefix(f"{path}: ")))
+        problems.append(Problem(str(path), str(error).removeprefix(str(path)).lstrip(":, ")))
         return []
 
 

@@ -6,7 +6,7 @@ import json
 import os
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,7 +129,11 @@ def write_exports(
     folder.mkdir(parents=True, exist_ok=True)
     wanted = [form for form in formats if form in MM_FORMATS]
     series: list[RingSeries] = []
-    for scan, document in documents.items():
+    named: dict[str, str] = {}
+    for scan, measured in documents.items():
+        document = _without_known_names(scan, measured, named, exported)
+        if document is None:
+            continue
         if not any(path["rings"] for path in document["paths"]):
             exported.problems.append(f"{scan.name}: no ring was measured")
         elif document["pixel_size_mm"] is None:
@@ -141,10 +145,32 @@ def write_exports(
             series += ring_series(document)
         _write_marks(scan, document, formats, folder, exported)
     if series:
-        if "rwl" in wanted and any(one.first_year is None for one in series):
-            exported.notes.append("series without a date start in year 1 in .rwl; set `ring_series.outermost_year`")
+        undated = [one.first_year is None for one in series]
+        if "rwl" in wanted and any(undated):
+            told = "end in one year" if all(undated) else "start in year 1"
+            exported.notes.append(f"series without a date {told} in .rwl; set `ring_series.outermost_year`")
         for form in wanted:
             _write_format(form, series, folder, name, unit_mm, exported)
+
+
+def _without_known_names(
+    scan: Path, document: Mapping[str, Any], named: dict[str, str], exported: Exported
+) -> Mapping[str, Any] | None:
+    """The document without series whose name another scan's has, since files could not tell them apart.
+
+    ``F02b.png`` with four radii and ``F02b_N.png`` with one path give the same name. None when nothing is left.
+    """
+    kept = []
+    for path in document["paths"]:
+        if path["name"] in named:
+            first = named[path["name"]]
+            exported.problems.append(
+                f"{scan.name}: its series {path['name']} is named as one of {first}, expected another; rename the scan"
+            )
+        else:
+            kept.append(path)
+            named[path["name"]] = scan.name
+    return {**document, "paths": kept} if kept or not document["paths"] else None
 
 
 def _write_marks(
@@ -179,6 +205,7 @@ def _write_format(
         return tucson.dumps(some, unit_mm)
 
     if form == "rwl":
+        series = _ending_together(series)
         for ending, part in (("", series), ("e", tucson.earlywood(series)), ("l", tucson.latewood(series))):
             _write_series(folder / f"{name}{ending}.rwl", part, rwl, exported)
     elif form == "fh":
@@ -196,6 +223,17 @@ def _write_format(
         _write_series(folder / f"{name}-long.csv", series, series_tables.dumps_long, exported)
     else:
         _write_series(folder / f"{name}.json", series, series_json.dumps, exported)
+
+
+def _ending_together(series: Sequence[RingSeries]) -> Sequence[RingSeries]:
+    """Series of which none is dated, with years from 1 that let all end at the bark in the same year."""
+    if any(one.first_year is not None for one in series):
+        return series
+    outside = [one.unmeasured_outer or 0 for one in series]
+    bark = max(len(one) + rings for one, rings in zip(series, outside, strict=True))
+    return [
+        replace(one, first_year=bark - rings - len(one) + 1) for one, rings in zip(series, outside, strict=True)
+    ]
 
 
 def _write_series(target: Path, series: Sequence[RingSeries], dumps: Dumps, exported: Exported) -> None:

@@ -22,6 +22,7 @@ from stages.variables import (
     RESPONSE,
     RING_ORIENTATION,
     RING_SCALE,
+    STRAIGHT_RUN,
     VALID,
     VALUE,
     VESSEL_SCALE,
@@ -41,7 +42,8 @@ class CurvedGaborParams(Params):
     """Half size of the curved region along the rings, analysed px; by default three standard deviations."""
 
     sigma_along: PositiveFloat | None = None
-    """Standard deviation of the window along the rings, analysed px; by default 0.35 ring widths, 10 to 27 px."""
+    """Standard deviation of the window along the rings, analysed px; by default as far as the scan's
+    rings are nearly straight, 10 to 27 px."""
 
     cycles: PositiveFloat | None = None
     """Standard deviation of the window across the rings, wavelengths; by default 0.5, or 0.4 where the rings are
@@ -57,8 +59,8 @@ class CurvedGaborParams(Params):
 def _region(ds: xr.Dataset, params: CurvedGaborParams) -> Region:
     from woodfit.curved_gabor import Region
 
-    ring = scalar(ds, RING_SCALE) / scalar(ds, REDUCTION)
-    sigma = params.sigma_along or float(np.clip(0.35 * ring, 10.0, 27.0))
+    run = scalar(ds, STRAIGHT_RUN) / scalar(ds, REDUCTION)
+    sigma = params.sigma_along or float(np.clip(run, 10.0, 27.0))
     cycles = params.cycles or (0.4 if scalar(ds, VESSEL_SCALE) else 0.5)
     return Region(params.p, params.q or int(np.ceil(3.0 * sigma)), sigma, cycles)
 
@@ -70,7 +72,7 @@ def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
 
 
 @stage(
-    requires=(VALUE, VALID, ORIENTATION, RING_SCALE, REDUCTION, VESSEL_SCALE),
+    requires=(VALUE, VALID, ORIENTATION, RING_SCALE, REDUCTION, STRAIGHT_RUN, VESSEL_SCALE),
     provides=(
         RESPONSE,
         MAGNITUDE,
@@ -82,7 +84,7 @@ def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
         CURVATURE,
         RING_ORIENTATION,
     ),
-    version=2,
+    version=3,
     params=CurvedGaborParams,
     halo=_halo,
 )

@@ -34,7 +34,7 @@ def _halo(ds: xr.Dataset, params: OrientationParams) -> int:
 @stage(
     requires=(VALUE, VALID, RING_SCALE, REDUCTION, FACE_PITH_X, FACE_PITH_Y),
     provides=(ORIENTATION, COHERENCE),
-    version=2,
+    version=3,
     params=OrientationParams,
     halo=_halo,
 )

@@ -14,8 +14,12 @@ from stages.stage import InputFile, Params, scalar, stage
 from stages.variables import (
     ABSENT_YEARS,
     BRIGHT_OUTWARDS,
+    CORRECTED_ABSENT_X,
+    CORRECTED_ABSENT_Y,
     CORRECTED_LATEWOOD_X,
     CORRECTED_LATEWOOD_Y,
+    FACE_PITH_X,
+    FACE_PITH_Y,
     FREQUENCY,
     GRAIN_RATIO,
     GROWTH_ANGLE,
@@ -144,6 +148,10 @@ def _is_point(value: Any) -> bool:
         GRAIN_RATIO,
         CORRECTED_LATEWOOD_X,
         CORRECTED_LATEWOOD_Y,
+        CORRECTED_ABSENT_X,
+        CORRECTED_ABSENT_Y,
+        FACE_PITH_X,
+        FACE_PITH_Y,
     ),
     provides=(*SERIES_VARIABLES, OUTERMOST_YEAR, OUTERMOST_COMPLETE, ABSENT_YEARS),
     version=1,
@@ -173,6 +181,7 @@ def ring_series(ds: xr.Dataset, params: RingSeriesParams) -> xr.Dataset:
         grid=Grid((origin[0], origin[1]), scalar(ds, REDUCTION), (height, width)),
         late_is_dark=bool(ds[BRIGHT_OUTWARDS.name]),
         along_stem=scalar(ds, GRAIN_RATIO) > measure_scan.ALONG_STEM,
+        pith=np.array([scalar(ds, FACE_PITH_X), scalar(ds, FACE_PITH_Y)]),
     )
     given = [np.array(points, np.float64) for points in params.path]
     if params.path_file is not None:
@@ -180,8 +189,9 @@ def ring_series(ds: xr.Dataset, params: RingSeriesParams) -> xr.Dataset:
     step = face.grid.step
     path_file.check_on_scan(given, width * step, height * step)
     chosen = measure_scan.routes(face, given, bearings(params.radii))
-    marked = np.column_stack([ds[CORRECTED_LATEWOOD_X.name].values, ds[CORRECTED_LATEWOOD_Y.name].values])
-    series = measure_scan.measure(face, chosen, params.corridor_px, marked)
+    latewood_marks = np.column_stack([ds[CORRECTED_LATEWOOD_X.name].values, ds[CORRECTED_LATEWOOD_Y.name].values])
+    absent_marks = np.column_stack([ds[CORRECTED_ABSENT_X.name].values, ds[CORRECTED_ABSENT_Y.name].values])
+    series = measure_scan.measure(face, chosen, params.corridor_px, latewood_marks, absent_marks)
     arrays = series_arrays.pack(series, face.late_is_dark)
     fraction = (np.arange(series_arrays.FRACTIONS) + 0.5) / series_arrays.FRACTIONS
     year = OUTERMOST_YEAR.array(np.float64(np.nan if params.outermost_year is None else params.outermost_year))

@@ -10,6 +10,8 @@ from stages.stage import InputFile, Params, place_in_array, scalar, stage
 from stages.variables import (
     ASYMMETRY,
     BRIGHT_OUTWARDS,
+    CORRECTED_ABSENT_X,
+    CORRECTED_ABSENT_Y,
     CORRECTED_LATEWOOD_X,
     CORRECTED_LATEWOOD_Y,
     EXPLAINED,
@@ -95,8 +97,10 @@ class RingTracingParams(Params):
         GRAIN_RATIO,
         CORRECTED_LATEWOOD_X,
         CORRECTED_LATEWOOD_Y,
+        CORRECTED_ABSENT_X,
+        CORRECTED_ABSENT_Y,
     ),
-    version=1,
+    version=2,
     params=RingTracingParams,
 )
 def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
@@ -156,6 +160,8 @@ def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
             GRAIN_RATIO.name: GRAIN_RATIO.array(np.float64(found.grain_ratio)),
             CORRECTED_LATEWOOD_X.name: CORRECTED_LATEWOOD_X.array(corrected.latewood[:, 0] * step + origin[0]),
             CORRECTED_LATEWOOD_Y.name: CORRECTED_LATEWOOD_Y.array(corrected.latewood[:, 1] * step + origin[1]),
+            CORRECTED_ABSENT_X.name: CORRECTED_ABSENT_X.array(corrected.absent[:, 0] * step + origin[0]),
+            CORRECTED_ABSENT_Y.name: CORRECTED_ABSENT_Y.array(corrected.absent[:, 1] * step + origin[1]),
         },
         coords=coords,
         attrs={

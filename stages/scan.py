@@ -20,6 +20,7 @@ from stages.variables import (
     REDUCTION,
     RGB,
     RING_SCALE,
+    STRAIGHT_RUN,
     VALID,
     VALUE,
     VESSEL_SCALE,
@@ -53,13 +54,13 @@ class ScanParams(Params):
 
 @stage(
     requires=(ENCODED, OPAQUE, DPI_PIXEL_SIZE),
-    provides=(RGB, VALUE, VALID, PIXEL_SIZE, REDUCTION, RING_SCALE, VESSEL_SCALE, FACE_PITH_X, FACE_PITH_Y),
-    version=2,
+    provides=(RGB, VALUE, VALID, PIXEL_SIZE, REDUCTION, RING_SCALE, STRAIGHT_RUN, VESSEL_SCALE, FACE_PITH_X, FACE_PITH_Y),
+    version=3,
     params=ScanParams,
 )
 def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     """Decode the photograph, mask what is not wood and find how wide its rings are."""
-    from woodfit import photograph, ring_scale, vessels
+    from woodfit import photograph, ring_direction, ring_scale, vessels
 
     encoded, opaque = ds[ENCODED.name], ds[OPAQUE.name]
     height, width = opaque.shape
@@ -86,6 +87,7 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     pores = 0
     if params.ring_porous is not False:
         pores = vessels.vessel_scale((height, width), grey, scale_px) or int(params.ring_porous or 0)
+    seen = window_of(vessels.density_signal, pores) if pores else grey
     if pores and params.ring_width_px is None:
         # Blurred twice as far: single vessels must not pass for narrow rings.
         scale_px = ring_scale.ring_scale((height, width), window_of(vessels.density_signal, pores, 2.0))
@@ -120,6 +122,9 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
             PIXEL_SIZE.name: PIXEL_SIZE.array(np.float64(pixel_size)),
             REDUCTION.name: REDUCTION.array(np.int64(step)),
             RING_SCALE.name: RING_SCALE.array(np.float64(scale_px)),
+            STRAIGHT_RUN.name: STRAIGHT_RUN.array(
+                np.float64(ring_direction.straight_run((height, width), seen, scale_px, step))
+            ),
             FACE_PITH_X.name: FACE_PITH_X.array(np.float64(pith[0])),
             FACE_PITH_Y.name: FACE_PITH_Y.array(np.float64(pith[1])),
             VESSEL_SCALE.name: VESSEL_SCALE.array(np.int64(pores)),

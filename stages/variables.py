@@ -31,8 +31,9 @@ VALID = Variable("valid", ("y", "x"), "b", "1", "True on wood; false on backgrou
 PIXEL_SIZE = Variable("pixel_size", (), "f", "mm", "Size of a scan pixel; NaN when no scale is known.")
 REDUCTION = Variable("reduction", (), "iu", "1", "Scan pixels per array element along each axis.")
 RING_SCALE = Variable("ring_scale", (), "f", "px", "Characteristic ring width found in the scan, in scan px.")
-FACE_PITH_X = Variable("face_pith_x", (), "f", "px", "x of the pith where rings close around it on the face; NaN elsewhere.")
-FACE_PITH_Y = Variable("face_pith_y", (), "f", "px", "y of the pith where rings close around it on the face; NaN elsewhere.")
+STRAIGHT_RUN = Variable("straight_run", (), "f", "px", "How far rings may be followed before their bends matter.")
+FACE_PITH_X = Variable("face_pith_x", (), "f", "px", "x of the pith seen on an overview of a disc; NaN elsewhere.")
+FACE_PITH_Y = Variable("face_pith_y", (), "f", "px", "y of the pith seen on an overview of a disc; NaN elsewhere.")
 
 # --- orientation --------------------------------------------------------------------------------------------
 ORIENTATION = Variable(
@@ -85,6 +86,20 @@ CORRECTED_LATEWOOD_X = Variable(
 )
 CORRECTED_LATEWOOD_Y = Variable(
     "corrected_latewood_y", ("corrected_latewood",), "f", "px", "y of the latewood onsets that a person gave."
+)
+CORRECTED_ABSENT_X = Variable(
+    "corrected_absent_x",
+    ("corrected_absent",),
+    "f",
+    "px",
+    "x on the boundary outside of each ring that a person called absent.",
+)
+CORRECTED_ABSENT_Y = Variable(
+    "corrected_absent_y",
+    ("corrected_absent",),
+    "f",
+    "px",
+    "y on the boundary outside of each ring that a person called absent.",
 )
 RING_PHASE = Variable(
     "ring_phase", ("y", "x"), "f", "rad", "Wrapped 2 pi ring age: 0 at the boundaries, growing outwards, -pi..pi."

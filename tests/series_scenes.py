@@ -58,9 +58,10 @@ def face(
     valid: NDArray[np.bool_] | None = None,
     late_is_dark: bool = True,
     along_stem: bool = False,
+    pith: tuple[float, float] = (np.nan, np.nan),
 ) -> Face:
     """A face of the shape of `dark`."""
     grid = Grid((0.5 * (step - 1.0), 0.5 * (step - 1.0)), step, (dark.shape[0], dark.shape[1]))
     frequency = np.full(dark.shape, 1.0 / width_px)
     wood = np.ones(dark.shape, np.bool_) if valid is None else valid
-    return Face(lines, growth, frequency, wood, dark, grid, late_is_dark, along_stem)
+    return Face(lines, growth, frequency, wood, dark, grid, late_is_dark, along_stem, np.array(pith))

@@ -267,6 +267,20 @@ def test_absent_rings_are_counted() -> None:
     # In the file the label stands at the outer boundary and speaks of the rings inside of it.
     again = traced(name, pos(points, zeros={6: 2}))
     npt.assert_array_equal(crossings(again, *path_in(name))[1], index + 2 * (np.arange(len(index)) >= 6))
+    where = np.column_stack([again.corrected_absent_x.values, again.corrected_absent_y.values])
+    npt.assert_allclose(where, np.stack([points[6], points[6]]), atol=0.01)
+    assert len(traced(name).corrected_absent_x) == 0
+
+
+def test_a_ring_that_was_only_counted_is_not_called_absent() -> None:
+    points, index, _ = crossings(traced("core"), *path_in("core"))
+    rows = [Mark("a", "boundary", tuple(point)) for point in points]
+    places = {"absent": None, "untraced": tuple(0.5 * (points[5] + points[6]))}
+    for kind, absent in (("absent", 1), ("untraced", 0)):
+        marked = [*rows[:6], Mark("a", kind, places[kind]), *rows[6:]]
+        again = traced("core", InputFile(name="x.csv", text=boundary_table.dumps(marked)))
+        npt.assert_array_equal(crossings(again, *path_in("core"))[1], index + (np.arange(len(index)) >= 6))
+        assert len(again.corrected_absent_x) == absent
 
 
 def test_across_a_gap_the_tracing_counts() -> None:
@@ -366,7 +380,7 @@ def test_whatever_is_marked_lies_on_a_boundary_and_counts_consecutively(name: st
     paths, marked = [], []
     for number in range(data.draw(st.integers(1, 2))):
         aside = data.draw(st.floats(-20, 20))
-        share = np.cumsum(data.draw(st.lists(st.floats(0.01, 0.3), min_size=2, max_size=12)))
+        share = np.cumsum(data.draw(st.lists(st.floats(0.04, 0.3), min_size=2, max_size=12)))
         share = share[share < 1.0]
         points = np.column_stack([x0 + share * (x1 - x0), y0 + aside + share * (y1 - y0)])
         points += data.draw(st.floats(-3, 3)) * np.array([0.0, 1.0]) * (np.arange(len(points)) % 2)[:, None]

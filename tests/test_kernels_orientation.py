@@ -9,9 +9,11 @@ from kernel_scenes import Image, angle_between, conifer, noise, pixels, round_ag
 
 from woodfit.frequency import ROUNDS, log_bank, smooth_frequency
 from woodfit.ring_scale import reduce_by, ring_scale
-from woodfit.streamlines import fit_across, smooth_along
+from woodfit.streamlines import MARGIN_PX, smooth_along
 from woodfit.structure_tensor import halo, orientation
 from woodfit.synthetic_scenes import scene
+from woodfit.wave_bank import fit_bank
+from woodfit.wave_fit import fit_across
 
 INSIDE = (slice(24, -24), slice(24, -24))
 
@@ -83,16 +85,18 @@ def test_the_edge_of_the_wood_is_not_a_ring() -> None:
     assert np.median(angle_between(angle, 0.4)[valid]) < np.radians(0.5)
 
 
+@pytest.mark.parametrize("window", [7.0, 18.0])
 @pytest.mark.parametrize(("row", "col"), [(128, 192), (0, 64)])
-def test_a_tile_with_its_halo_has_the_orientation_of_the_whole(row: int, col: int) -> None:
+def test_a_tile_with_its_halo_has_the_orientation_of_the_whole(row: int, col: int, window: float) -> None:
     value = board(384)
     valid = wood(value.shape)
     valid[:, 250:300] = False
-    whole, coherent = orientation(value, valid, 1.5, 7.0)
-    margin = halo(1.5, 7.0)
+    whole, coherent = orientation(value, valid, 1.5, window)
+    # Tiles start on a grid of 64 px.
+    margin = -(-halo(1.5, window) // 64) * 64
     top, left = max(0, row - margin), max(0, col - margin)
     part = (slice(top, row + 64 + margin), slice(left, col + 64 + margin))
-    angle, coherence = orientation(value[part], valid[part], 1.5, 7.0)
+    angle, coherence = orientation(value[part], valid[part], 1.5, window)
     inner = (slice(row - top, row - top + 64), slice(col - left, col - left + 64))
     tile = (slice(row, row + 64), slice(col, col + 64))
     clear = coherent[tile] > 0.01
@@ -141,13 +145,59 @@ def test_a_wave_is_fitted_without_bias_at_the_border() -> None:
     age = straight(shape, 20.0, -np.pi / 2)
     rows, cols = np.array([30, 30, 30]), np.array([0, 100, 199])
     response, explained = fit_across(
-        wave(age, phase=0.6), np.ones(shape), np.zeros(shape), rows, cols, np.full((3, 1), 0.05), 80, 0.5
+        wave(age, phase=0.6), np.ones(shape), np.zeros(shape), rows, cols, np.full(3, 0.05), 80, 0.5
     )
     truth = 0.2 * np.exp(1j * (2 * np.pi * age[rows, cols] + 0.6))
-    assert np.abs(np.angle(response[:, 0] / truth)).max() < 0.25
-    assert abs(np.angle(response[1, 0] / truth[1])) < 0.01
-    assert np.abs(np.abs(response[:, 0]) / 0.2 - 1.0).max() < 0.2
+    assert np.abs(np.angle(response / truth)).max() < 0.25
+    assert abs(np.angle(response[1] / truth[1])) < 0.01
+    assert np.abs(np.abs(response) / 0.2 - 1.0).max() < 0.2
     assert explained.min() > 0.95
+
+
+def test_a_bank_of_waves_is_fitted_like_each_of_them() -> None:
+    value = board()
+    weight = wood(value.shape)
+    weight[:, 100:112] = False
+    angle, _ = orientation(value, weight, 1.0, 6.0)
+    smooth, support = smooth_along(value, weight, angle, 20, 8.0)
+    rows, cols = (a.ravel() for a in np.mgrid[0:256:15, 0:256:15])
+    # No longer than the samples of a wave are pixels apart.
+    bank = 1.0 / np.array([5.0, 8.0, 12.5, 16.0])
+    place = (smooth, support, angle + np.pi / 2, rows, cols)
+    together, shares = fit_bank(*place, bank, 40, 0.5)
+    for k, frequency in enumerate(bank):
+        alone, share = fit_across(*place, np.full(rows.size, frequency), 40, 0.5)
+        npt.assert_allclose(together[:, k], alone, atol=1e-4)
+        npt.assert_allclose(shares[:, k], share, atol=5e-3)
+
+
+@pytest.mark.parametrize("width", [20.0, 40.0, 70.0])
+def test_long_waves_walked_in_long_steps_keep_amplitude_and_phase(width: float) -> None:
+    shape = (260, 260)
+    age, outwards = round_age(shape, (-90.0, 120.0), width)
+    rows, cols = (a.ravel() for a in np.mgrid[110:150:7, 110:150:7])
+    response, explained = fit_across(
+        wave(age, phase=0.4), np.ones(shape), outwards, rows, cols, np.full(rows.size, 1 / width), 110, 0.5
+    )
+    relative = response / (0.2 * np.exp(1j * (2 * np.pi * age[rows, cols] + 0.4)))
+    npt.assert_allclose(np.abs(relative), 1.0, atol=0.03)
+    npt.assert_allclose(np.angle(relative), 0.0, atol=0.03)
+    # The damping of the fit, 2 x 0.02, keeps it from 1.
+    assert explained.min() > 0.96
+
+
+def test_far_from_the_wood_nothing_is_smoothed_and_nothing_changes_on_it() -> None:
+    shape = (120, 140)
+    x, y = pixels(shape)
+    valid = np.hypot(x - 60, y - 60) < 30
+    value = wave(straight(shape, 9.0, 0.5)) + noise(shape, 0.05)
+    smooth, support = smooth_along(value, valid, np.full(shape, 0.5), 30, 10.0)
+    far = np.maximum(np.abs(x - 60), np.abs(y - 60)) > 30 + MARGIN_PX
+    assert not smooth[far].any()
+    assert not support[far].any()
+    assert support[valid].min() > 0.1
+    cropped = smooth_along(value[25:95, 25:95], valid[25:95, 25:95], np.full((70, 70), 0.5), 30, 10.0)[0]
+    npt.assert_allclose(cropped[valid[25:95, 25:95]], smooth[valid], atol=2e-5)
 
 
 # --- scale and frequency ------------------------------------------------------------------------------------

@@ -241,14 +241,30 @@ def test_the_pith_of_a_disc_with_a_missing_sector_is_found_and_radii_start_there
     y, x = np.mgrid[:400, :400]
     wood = np.hypot(x - pith[0], y - pith[1]) < 160
     known = boundaries(lines)
-    found = measuring_path.find_pith(known, outward(lines, pith), grid, wood)
+    unseen = np.full(2, np.nan)
+    found = measuring_path.find_pith(known, outward(lines, pith), grid, wood, unseen)
     assert found is not None
     npt.assert_allclose(found, pith, atol=0.5)
     north, east = (measuring_path.radius_path(found, bearing, grid, wood) for bearing in (0.0, 90.0))
     npt.assert_allclose([north[-1], east[-1]], [[207.0, 21.0], [367.0, 181.0]], atol=1.5)
     # Half of the disc does not surround its pith.
     half = circles(pith, np.arange(15.0, 150.0, 14.0), 0.0, np.pi)
-    assert measuring_path.find_pith(boundaries(half), outward(half, pith), grid, wood) is None
+    assert measuring_path.find_pith(boundaries(half), outward(half, pith), grid, wood, unseen) is None
+
+
+def test_the_pith_seen_on_the_overview_starts_the_search_and_stands_where_boundaries_say_nothing() -> None:
+    pith, near = (207.0, 181.0), np.array([225.0, 170.0])
+    grid = Grid((0.0, 0.0), 1.0, (400, 400))
+    y, x = np.mgrid[:400, :400]
+    wood = np.hypot(x - pith[0], y - pith[1]) < 160
+    around = circles(pith, np.arange(15.0, 150.0, 14.0))
+    found = measuring_path.find_pith(boundaries(around), outward(around, pith), grid, wood, near)
+    npt.assert_allclose(found, pith, atol=0.5)
+    half = circles(pith, np.arange(15.0, 150.0, 14.0), 0.0, np.pi)
+    npt.assert_array_equal(measuring_path.find_pith(boundaries(half), outward(half, pith), grid, wood, near), near)
+    # Outside of the wood nothing can be the pith.
+    away = np.array([10.0, 10.0])
+    assert measuring_path.find_pith(boundaries(half), outward(half, pith), grid, wood, away) is None
 
 
 def test_on_a_disc_every_radius_counts_the_same_rings_from_the_pith() -> None:

@@ -69,6 +69,10 @@ def dataset(
         v.GRAIN_RATIO: np.float64(0.5),
         v.CORRECTED_LATEWOOD_X: np.zeros(0),
         v.CORRECTED_LATEWOOD_Y: np.zeros(0),
+        v.CORRECTED_ABSENT_X: np.zeros(0),
+        v.CORRECTED_ABSENT_Y: np.zeros(0),
+        v.FACE_PITH_X: np.float64(np.nan),
+        v.FACE_PITH_Y: np.float64(np.nan),
     }
     return xr.Dataset({one.name: one.array(value) for one, value in values.items()}, coords={"y": y, "x": x})
 
@@ -385,7 +389,10 @@ def test_what_was_not_traced_is_marked_for_a_person_and_keeps_the_count(tmp_path
     assert len(written.series("x")) == len(WIDTHS)
     assert written.series("x").first_year == 1991
     marks = boundary_marks(document)
-    assert sum(mark.kind == "boundary" for mark in marks) == len(WIDTHS) + 1
+    kinds = [mark.kind for mark in marks]
+    assert (kinds.count("boundary"), kinds.count("untraced")) == (len(WIDTHS), 1)
+    (read,) = boundary_table.loads(boundary_table.dumps(marks))
+    assert (sum(read.rings), sum(read.absent)) == (len(WIDTHS), 0)
 
 
 def test_the_table_of_boundaries_can_be_read_back(tmp_path: Path) -> None:

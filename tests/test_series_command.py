@@ -180,6 +180,24 @@ def test_dated_and_floating_series_do_not_share_a_table(exported: tuple[int, str
     assert formats.read(tmp_path / "all-undated.csv")[0].first_year is None
 
 
+def test_series_of_which_none_is_dated_end_together_in_a_format_that_has_to_say_years(
+    exported: tuple[int, str, Path], tmp_path: Path
+) -> None:
+    documents = {}
+    for name, outside in (("a", 0), ("b", 3)):
+        document = json.loads((exported[2].parent / "out" / "pine_2001" / "series.json").read_text())
+        (path,) = document["paths"]
+        path |= {"name": name, "first_year": None, "last_year": None, "unmeasured_outer": outside}
+        path["rings"] = [ring | {"year": None} for ring in path["rings"][: -outside or None]]
+        documents[Path(f"{name}.png")] = document
+    written = Exported()
+    write_exports(documents, ["rwl"], tmp_path, "all", 0.001, written)
+    assert any("end in one year" in note for note in written.notes)
+    whole, short = formats.read(tmp_path / "all.rwl")
+    assert (whole.first_year, short.first_year) == (1, 1)
+    assert (whole.last_year, short.last_year) == (len(whole), len(whole) - 3)
+
+
 def test_a_series_that_a_format_cannot_hold_leaves_the_others(exported: tuple[int, str, Path], tmp_path: Path) -> None:
     folder = exported[2].parent
     path = folder / "out" / "pine_2001" / "series.json"

@@ -181,16 +181,23 @@ def _beside(
 def _along_tangent(
     point: FloatArray, growth: npt.NDArray[Any], frequency: npt.NDArray[Any], valid: npt.NDArray[np.bool_]
 ) -> Base:
-    """Points a pixel apart along the rings through a point, as far as there is wood; at least two to either side."""
+    """Points a pixel apart along the rings through a point, as far as there is wood; at least two to either side.
+
+    Either side ends after half a turn: around the pith a walk would go on for ever.
+    """
     parts = []
     for side in (1.0, -1.0):
         steps: list[FloatArray] = []
-        here, heading = point.copy(), None
+        here, heading, turned = point.copy(), None, 0.0
         for _ in range(sum(valid.shape)):
             angle = float(nearest(growth, here[None, :])[0])
             tangent = side * np.array([-np.sin(angle), np.cos(angle)])
             if heading is not None and tangent @ heading < 0.0:
                 tangent = -tangent
+            if heading is not None:
+                turned += float(heading[0] * tangent[1] - heading[1] * tangent[0])
+            if abs(turned) > 3.0:
+                break
             here, heading = here + tangent, tangent
             inside = (here >= -0.5).all() and here[0] < valid.shape[1] - 0.5 and here[1] < valid.shape[0] - 0.5
             if len(steps) >= 2 and not (inside and nearest(valid, here[None, :])[0]):

@@ -64,8 +64,10 @@ def find_centre(
         # Outer rings of an eccentric stem go round another point than the pith: the inner ones have the last word.
         near = np.exp(-((distance / (reach * max(0.06, 0.85**turn))) ** 2))
         pull = near * believed / distance**2 / (1.0 + (sine / (0.5 * _TOLERANCE)) ** 2) ** 2
-        normal = np.einsum("n,ni,nj->ij", pull, tangent, tangent) + 1e-12 * np.eye(2)
-        centre = np.linalg.solve(normal, np.einsum("n,ni,nj,nj->i", pull, tangent, tangent, points))
+        met = normals_meet(points, tangent, pull)
+        if met is None:
+            return None
+        centre = met
     if not (0 <= centre[0] < width and 0 <= centre[1] < height):
         return None
     agrees = _agrees(points, tangent, centre)
@@ -78,6 +80,30 @@ def find_centre(
     if around.sum() < _AGREEING:
         return None
     return float(centre[0]), float(centre[1]), float((believed * agrees).sum())
+
+
+def normals_meet(
+    points: npt.NDArray[np.float64], tangent: npt.NDArray[np.float64], weight: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64] | None:
+    """Point nearest to the normals of contours in the weighted least squares sense.
+
+    Parameters
+    ----------
+    points, tangent : arrays of shape (K, 2)
+        Places on contours and unit tangents there.
+    weight : array of shape (K,)
+        Of each normal's squared distance.
+
+    Returns
+    -------
+    array of shape (2,) or None
+        In the frame of the points; None where the normals are parallel.
+    """
+    scatter = np.einsum("n,ni,nj->ij", weight, tangent, tangent)
+    if not np.linalg.cond(scatter) < 1e8:
+        return None
+    place: npt.NDArray[np.float64] = np.linalg.solve(scatter, (weight * (tangent * points).sum(axis=1)) @ tangent)
+    return place
 
 
 def _agrees(

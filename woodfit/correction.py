@@ -45,6 +45,8 @@ class Corrected:
         Which of them the person marked.
     latewood : float64 array of shape (L, 2)
         x, y of the latewood points given, in pixels of the arrays.
+    absent : float64 array of shape (K, 2)
+        A place on the boundary outside of each ring that the person called absent, in pixels of the arrays.
     confirmed, added, removed : int
         Marks that lie on traced boundaries, marks that became new ones, and traced boundaries taken away.
     notes : list of str
@@ -54,6 +56,7 @@ class Corrected:
     rings: Rings
     certain: npt.NDArray[np.bool_]
     latewood: FloatArray
+    absent: FloatArray
     confirmed: int
     added: int
     removed: int
@@ -107,7 +110,7 @@ def apply_corrections(
     Corrected
     """
     if not paths:
-        return Corrected(found, np.zeros(len(found.traces), np.bool_), np.zeros((0, 2)), 0, 0, 0, [])
+        return Corrected(found, np.zeros(len(found.traces), np.bool_), np.zeros((0, 2)), np.zeros((0, 2)), 0, 0, 0, [])
     draft = _Draft(list(found.traces), list(range(len(found.traces))))
     for path in paths:
         _check(path, valid.shape)
@@ -150,8 +153,9 @@ def apply_corrections(
         confidence=_without_contradicted(found.confidence, [*gone, *(draft.lines[i] for i in new)], frequency),
     )
     latewood = np.concatenate([np.zeros((0, 2)), *(path.latewood for path in paths)])
+    absent = np.concatenate([np.zeros((0, 2)), *(path.absent_places() for path in paths)])
     marked = np.isin(rank, list(certain))
-    return Corrected(rings, marked, latewood, confirmed, len(new), len(gone), [*draft.notes, *clashes])
+    return Corrected(rings, marked, latewood, absent, confirmed, len(new), len(gone), [*draft.notes, *clashes])
 
 
 def _check(path: MarkedPath, shape: tuple[int, ...]) -> None:

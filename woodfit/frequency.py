@@ -27,14 +27,13 @@ def log_bank(shortest_px: float, longest_px: float, per_octave: int) -> FloatArr
     return (1.0 / np.geomspace(longest_px, shortest_px, count)).astype(np.float32)
 
 
-def _truncated_linear_max(belief: FloatArray, cost: float) -> FloatArray:
-    """Best belief over all frequencies less `cost` per step of the bank: the message to a neighbour."""
-    message = belief.copy()
-    for k in range(1, message.shape[0]):
-        np.maximum(message[k], message[k - 1] - cost, out=message[k])
-    for k in range(message.shape[0] - 2, -1, -1):
-        np.maximum(message[k], message[k + 1] - cost, out=message[k])
-    return message
+def _truncated_linear_max(belief: FloatArray, cost: float) -> None:
+    """Best belief over all frequencies less `cost` per step of the bank, in place: the message to a neighbour."""
+    last = belief.shape[0] - 1
+    for k in range(1, last + 1):
+        np.maximum(belief[k], belief[k - 1] - np.float32(cost), out=belief[k])
+    for k in range(last - 1, -1, -1):
+        np.maximum(belief[k], belief[k + 1] - np.float32(cost), out=belief[k])
 
 
 def smooth_frequency(
@@ -67,11 +66,12 @@ def smooth_frequency(
     ).astype(np.float32)
     pooled /= pooled.max(axis=0, keepdims=True) + np.float32(1e-12)
     belief = pooled.copy()
+    # Half of a cell's belief is its own evidence, an eighth what each of its four neighbours says.
+    cross = np.array([[0.0, 0.125, 0.0], [0.125, 0.0, 0.125], [0.0, 0.125, 0.0]], np.float32)
     for _ in range(ROUNDS):
-        message = _truncated_linear_max(belief, step_cost)
-        padded = np.pad(message, ((0, 0), (1, 1), (1, 1)), mode="edge")
-        around = padded[:, :-2, 1:-1] + padded[:, 2:, 1:-1] + padded[:, 1:-1, :-2] + padded[:, 1:-1, 2:]
-        belief = 0.5 * pooled + 0.5 * (0.25 * around)
+        _truncated_linear_max(belief, step_cost)
+        for said, own in zip(belief, pooled, strict=True):
+            cv2.scaleAdd(own, 0.5, cv2.filter2D(said, cv2.CV_32F, cross, borderType=cv2.BORDER_REPLICATE), dst=said)
     top = belief.argmax(axis=0)
     inner = np.clip(top, 1, len(bank) - 2)
     left, mid, right = (np.take_along_axis(belief, (inner + d)[None], axis=0)[0] for d in (-1, 0, 1))

@@ -31,6 +31,8 @@ class MarkedPath:
         x, y of the borders between earlywood and latewood in px.
     pith : float64 array of shape (2,) or None
         Where the path starts at the pith, which is no boundary.
+    absent : tuple of int
+        How many of `rings` the person called absent; none when left out. The others were counted, not seen.
     """
 
     name: str
@@ -39,9 +41,12 @@ class MarkedPath:
     gaps: tuple[FloatArray, ...]
     latewood: FloatArray
     pith: FloatArray | None = None
+    absent: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        if not len(self.rings) == len(self.gaps) == max(0, len(self.borders) - 1):
+        if not self.absent:
+            object.__setattr__(self, "absent", (0,) * len(self.rings))
+        if not len(self.rings) == len(self.gaps) == len(self.absent) == max(0, len(self.borders) - 1):
             raise ValueError(f"{self.name}: {len(self.borders)} boundaries with {len(self.rings)} rings between")
         closed = [
             np.concatenate([gap, after[:1]]) if len(gap) % 2 else gap
@@ -55,6 +60,7 @@ class MarkedPath:
             self,
             borders=tuple(border[::-1] for border in self.borders[::-1]),
             rings=self.rings[::-1],
+            absent=self.absent[::-1],
             gaps=tuple(gap[::-1] for gap in self.gaps[::-1]),
             latewood=self.latewood[::-1],
         )
@@ -78,8 +84,20 @@ class MarkedPath:
             parts.append(way.reshape(-1, 2, 2))
         return parts
 
+    def absent_places(self) -> FloatArray:
+        """A place on the boundary outside of each absent ring, shape (K, 2)."""
+        places = [outer[0] for outer, count in zip(self.borders[1:], self.absent, strict=True) for _ in range(count)]
+        return np.array(places, np.float64).reshape(-1, 2)
+
     def without_pith(self, pith: FloatArray, nearer_px: float) -> MarkedPath:
         """The path without a first boundary that is the pith."""
         if len(self.borders) < 2 or np.hypot(*(self.borders[0][0] - pith)) > nearer_px:
             return self
-        return replace(self, borders=self.borders[1:], rings=self.rings[1:], gaps=self.gaps[1:], pith=pith)
+        return replace(
+            self,
+            borders=self.borders[1:],
+            rings=self.rings[1:],
+            gaps=self.gaps[1:],
+            absent=self.absent[1:],
+            pith=pith,
+        )

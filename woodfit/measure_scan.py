@@ -43,7 +43,7 @@ def routes(face: Face, given: Sequence[FloatArray], bearings_deg: Sequence[float
     if not face.boundaries.lines:
         return []
     piece = measuring_path.largest_piece(face.valid)
-    pith = measuring_path.find_pith(face.boundaries, _growth_at_vertices(face), face.grid, piece)
+    pith = measuring_path.find_pith(face.boundaries, _growth_at_vertices(face), face.grid, piece, face.pith)
     if pith is not None and not face.along_stem:
         return [
             Route(measuring_path.radius_path(pith, bearing, face.grid, piece), Kind.RADIUS, bearing, near)

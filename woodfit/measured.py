@@ -48,6 +48,8 @@ class Face:
         Whether latewood is darker than earlywood.
     along_stem : bool
         Whether the face lies along the stem, so that its rings are no circles.
+    pith : float array of shape (2,)
+        Roughly where an overview of the face shows the pith, scan px; NaN where it does not.
     """
 
     boundaries: Boundaries
@@ -58,6 +60,7 @@ class Face:
     grid: Grid
     late_is_dark: bool
     along_stem: bool
+    pith: FloatArray
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d, median_filter
 
+from woodfit.centre import normals_meet
 from woodfit.measuring import Boundaries
 from woodfit.ring_order import draw_labels
 
@@ -115,8 +116,12 @@ def core_path(piece: BoolArray, grid: Grid, axis_rad: float) -> tuple[FloatArray
     return grid.point(slim), half
 
 
-def find_pith(boundaries: Boundaries, growth_rad: FloatArray, grid: Grid, piece: BoolArray) -> FloatArray | None:
+def find_pith(
+    boundaries: Boundaries, growth_rad: FloatArray, grid: Grid, piece: BoolArray, seen: FloatArray
+) -> FloatArray | None:
     """Pith on a disc: where the boundaries' directions of growth come from, if it lies in the wood they surround.
+
+    The search starts where an overview shows the pith; where the boundaries say nothing that place stands.
 
     Parameters
     ----------
@@ -128,19 +133,21 @@ def find_pith(boundaries: Boundaries, growth_rad: FloatArray, grid: Grid, piece:
         Of `piece`.
     piece : bool array of shape (M, N)
         The wood.
+    seen : array of shape (2,)
+        Roughly where an overview shows the pith, scan px; NaN where it does not.
 
     Returns
     -------
     array of shape (2,) or None
-        x, y in scan px; None when the boundaries do not go round a point of the wood.
+        x, y in scan px; None when the rings do not go round a point of the wood.
     """
     if len(growth_rad) < 8:
-        return None
+        return _on_wood(seen, grid, piece)
     points = np.concatenate(list(boundaries.lines))
     across = np.concatenate([_tangents(line) for line in boundaries.lines])
     stride = max(1, len(points) // 20_000)
     points, across, growth_rad = points[::stride], across[::stride], growth_rad[::stride]
-    pith, reach = np.median(points, axis=0), np.inf
+    pith, reach = (seen if np.isfinite(seen).all() else np.median(points, axis=0)), np.inf
     found = None
     # Rings far out are oval and wavy: each round looks at nearer ones only, as long as they still go all round.
     for _ in range(8):
@@ -151,9 +158,14 @@ def find_pith(boundaries: Boundaries, growth_rad: FloatArray, grid: Grid, piece:
             break
         pith = found = centre
         reach = 0.6 * float(np.quantile(np.hypot(*(points[near] - pith).T), 0.9))
-    if found is None or not grid.inside(found) or not bool(grid.nearest(piece, found)):
-        return None
-    return _centre_of_innermost(boundaries, found)
+    found = None if found is None else _on_wood(found, grid, piece)
+    return _on_wood(seen, grid, piece) if found is None else _centre_of_innermost(boundaries, found)
+
+
+def _on_wood(place: FloatArray, grid: Grid, piece: BoolArray) -> FloatArray | None:
+    """The place itself, None if it is unknown or not on the wood."""
+    is_there = np.isfinite(place).all() and grid.inside(place) and bool(grid.nearest(piece, place))
+    return place if is_there else None
 
 
 def _tangents(line: FloatArray, reach: int = 6) -> FloatArray:
@@ -172,11 +184,10 @@ def _meeting_point(points: FloatArray, across: FloatArray, start: FloatArray, st
         miss = (across * offset).sum(axis=1)
         # Angles count, not lengths, and what points elsewhere (knots, cracks) fades.
         weight = 1.0 / (distance**2 * (0.05 + (miss / distance) ** 2))
-        normal = np.einsum("k,ki,kj->ij", weight, across, across)
-        if len(points) < 8 or np.linalg.cond(normal) > 1e8:
+        met = normals_meet(points, across, weight) if len(points) >= 8 else None
+        if met is None:
             return None
-        move = np.linalg.solve(normal, (weight * miss) @ across)
-        pith = pith + move
+        move, pith = met - pith, met
         if np.hypot(*move) < 0.01:
             break
     return pith

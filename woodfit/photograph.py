@@ -39,7 +39,8 @@ def srgb_encode(linear: npt.NDArray[Any]) -> FloatArray:
 
 def grey_value(encoded: npt.NDArray[Any]) -> FloatArray:
     """HSV value, 0..1, of encoded pixels of shape (..., 3)."""
-    return np.asarray(encoded.max(axis=-1), dtype=np.float32) / np.float32(np.iinfo(encoded.dtype).max)
+    brightest = np.maximum(np.maximum(encoded[..., 0], encoded[..., 1]), encoded[..., 2])
+    return np.asarray(brightest, dtype=np.float32) / np.float32(np.iinfo(encoded.dtype).max)
 
 
 def develop(
@@ -111,9 +112,7 @@ def mask_window(
     return np.asarray(mask[rows[:, None], cols[None, :]])
 
 
-def mask_at(
-    mask: npt.NDArray[np.bool_], mask_step: int, step: int, shape: tuple[int, ...]
-) -> npt.NDArray[np.bool_]:
+def mask_at(mask: npt.NDArray[np.bool_], mask_step: int, step: int, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
     """An overview mask at the analysis resolution (`step` scan px per element), array of `shape`."""
     rows = np.minimum((np.arange(shape[0]) * step + step // 2) // mask_step, mask.shape[0] - 1)
     cols = np.minimum((np.arange(shape[1]) * step + step // 2) // mask_step, mask.shape[1] - 1)

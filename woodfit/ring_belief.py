@@ -70,6 +70,40 @@ def _belief(
     return np.asarray(1.0 / (1.0 + np.exp(-(score + local * np.log(0.3 + near)))))
 
 
+def without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: FloatArray) -> list[Trace]:
+    """Drop lines whose wave is a small part of what the face's boundaries have: fibre in a wide ring.
+
+    A faint edge is believed where the wave goes on strongly: a pale ring among clear ones is still a ring.
+
+    Parameters
+    ----------
+    traces : list of Trace
+        On their edges.
+    response : complex array of shape (M, N)
+        From the curved Gabor filter.
+    strength : array of shape (M, N)
+        From `woodfit.boundary.edge_strength`.
+    """
+    if len(traces) < 4:
+        return traces
+    length = np.array([len(t.points) for t in traces], np.float64)
+    shares = []
+    for image in (np.abs(response), np.maximum(strength, 0.0)):
+        typical = np.array([float(np.median(_at(image, t.points))) for t in traces])
+        order = np.argsort(typical)
+        middle = np.searchsorted(np.cumsum(length[order]), 0.5 * length.sum())
+        shares.append(typical / max(float(typical[order][middle]), 1e-12))
+    wave, edge = shares
+    keep = (wave >= 0.2) & ((edge >= 0.15) | (wave >= 0.6))
+    return [t for t, good in zip(traces, keep, strict=True) if good]
+
+
+def _at(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
+    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
+    return np.asarray(image[rows, cols])
+
+
 def _mean_slope(strength: FloatArray, valid: npt.NDArray[np.bool_], ring_scale_px: float) -> FloatArray:
     """Mean size of the slope across the rings within about a ring of each pixel."""
     wood = valid.astype(np.float32)
@@ -79,7 +113,7 @@ def _mean_slope(strength: FloatArray, valid: npt.NDArray[np.bool_], ring_scale_p
 
 
 def without_doubtful(
-    traces: list[Trace], frequency: npt.NDArray[Any], least: float = 0.4, least_at_ends: float = 0.25
+    traces: list[Trace], frequency: npt.NDArray[Any], least: float = 0.5, least_at_ends: float = 0.25
 ) -> list[Trace]:
     """Traces that are more likely right than `least`, without ends that wander off.
 

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from woodfit.streamlines import fit_across, smooth_along
+from woodfit.streamlines import smooth_along
 from woodfit.structure_tensor import orientation
+from woodfit.wave_bank import fit_bank
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -42,8 +43,7 @@ def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray
     rows, cols = rows[inside], cols[inside]
     if rows.size == 0:
         return np.zeros(WAVELENGTHS_PX.size)
-    frequency = np.repeat(1.0 / WAVELENGTHS_PX[None, :], rows.size, axis=0)
-    response, explained = fit_across(smooth, support, angle + np.pi / 2, rows, cols, frequency, 48, 0.5)
+    response, explained = fit_bank(smooth, support, angle + np.pi / 2, rows, cols, 1.0 / WAVELENGTHS_PX, 48, 0.5)
     # A faint preference for contrast: among equally periodic scales the stronger one is the rings.
     power = (np.abs(response) ** 2).mean(axis=0)
     return np.asarray(explained.mean(axis=0) * (power / (power.max() + 1e-12)) ** 0.05, dtype=np.float64)
@@ -52,7 +52,7 @@ def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray
 def ring_scale(
     shape: tuple[int, int],
     window: Callable[[int, int, int, int, int], tuple[FloatArray, npt.NDArray[np.bool_]]],
-    window_px: int = 384,
+    window_px: int = 320,
 ) -> float:
     """Characteristic ring width of a scan, from windows of a pyramid.
 
@@ -97,11 +97,11 @@ def ring_scale(
 
 
 def _starts(length: int, side: int) -> list[int]:
-    """At most three window starts, spread evenly over `length`."""
-    if length <= side:
-        return [0]
-    count = min(3, -(-length // side))
-    return [round(i * (length - side) / (count - 1)) for i in range(count)] if count > 1 else [0]
+    """At most three window starts, spread evenly over `length`; one window in the middle of what is hardly longer."""
+    count = min(3, max(1, round(length / side)))
+    if count == 1:
+        return [max(0, (length - side) // 2)]
+    return [round(i * (length - side) / (count - 1)) for i in range(count)]
 
 
 def _peak(candidates: list[tuple[float, float]]) -> float:

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.growth import Growth, find_growth, pore_evidence
 from woodfit.infill import missed_boundaries
-from woodfit.ring_belief import believe, without_doubtful
+from woodfit.ring_belief import believe, without_doubtful, without_faint
+from woodfit.ring_closure import close_rings, describe_uneven
 from woodfit.ring_order import Order, order_rings
 from woodfit.streamlines import smooth_along
 from woodfit.trace_spacing import kept_apart, without_doubles
@@ -41,6 +42,8 @@ class Rings:
         Slope of the fine texture across over along the rings.
     strength : float32 array of shape (M, N)
         From `woodfit.boundary.edge_strength`: what the boundaries lie on the ridges of.
+    pith : x, y in pixels, or None
+        Where rings close around the pith on the face.
     """
 
     traces: list[Trace]
@@ -50,6 +53,7 @@ class Rings:
     confidence: FloatArray
     grain_ratio: float
     strength: FloatArray
+    pith: tuple[float, float] | None = None
 
 
 def ragged(
@@ -83,6 +87,8 @@ def describe_doubt(found: Rings) -> list[str]:
     loose = len(np.unique(found.order.group)) - 1
     if loose:
         said.append(f"{loose} groups of boundaries could not be tied to the others by counting.")
+    if found.pith is not None:
+        said += describe_uneven(found.traces, found.order, found.pith)
     return said
 
 
@@ -180,7 +186,8 @@ def find_rings(
     phase = np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32)
     traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
     moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
-    kept = _believed(without_doubles(moved, frequency), strength, valid, frequency, ring_scale_px)
+    clear = without_faint(without_doubles(moved, frequency), response, strength)
+    kept = _believed(clear, strength, valid, frequency, ring_scale_px)
     if not vessels:
         # Beside a ring of vessels the latewood's fine texture would pass for another.
         between = missed_boundaries(kept, strength, growth.direction, frequency, valid)
@@ -190,6 +197,8 @@ def find_rings(
         kept = _onto_latewood(kept, along, growth.direction, frequency)
     kept = kept_apart(kept, valid.shape)
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid, phase)
+    if pith is not None:
+        kept, order = close_rings(kept, order, pith, strength, frequency, valid)
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
     return Rings(
@@ -200,6 +209,7 @@ def find_rings(
         confidence,
         grain,
         strength,
+        pith,
     )
 
 

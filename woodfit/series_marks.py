@@ -167,7 +167,7 @@ def boundary_marks(document: Mapping[str, Any]) -> list[Mark]:
             if k > 0:
                 missing = _between(boundary, boundaries[k - 1], untraced.get(k, 0))[::-1]
                 marks += [
-                    Mark(name, "boundary", _px(point), boundaries[k - 1]["id"] + 1 + step)
+                    Mark(name, "untraced", _px(point), boundaries[k - 1]["id"] + 1 + step)
                     for step, point in enumerate(missing)
                 ]
                 onset = inwards[k]["latewood_onset"] if k in inwards else None

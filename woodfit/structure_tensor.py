@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from woodfit.grids import block_mean, enlarged
+
 FloatArray = npt.NDArray[np.float32]
 
 #: Weight of a circle around a pith that is seen, beside that of the gradients.
@@ -25,7 +27,15 @@ def _blur(image: npt.NDArray[Any], sigma_px: float) -> FloatArray:
 
 def halo(gradient_sigma_px: float, window_sigma_px: float) -> int:
     """Margin in pixels beyond which nothing influences `orientation`."""
-    return math.ceil(3.0 * gradient_sigma_px) + math.ceil(3.0 * window_sigma_px) + 4
+    return math.ceil(3.0 * gradient_sigma_px) + math.ceil(3.0 * window_sigma_px) + 4 * _window_step(window_sigma_px)
+
+
+def _window_step(window_sigma_px: float) -> int:
+    """Pixels per cell of the grid on which the window is applied: a power of two, so that tiles align.
+
+    A window that is four cells wide does not see single pixels.
+    """
+    return int(2 ** np.clip(math.floor(math.log2(window_sigma_px / 4.0)), 0, 4))
 
 
 def orientation(
@@ -71,17 +81,20 @@ def orientation(
     smooth = _blur(np.asarray(value, np.float32) * wood, gradient_sigma_px) / np.maximum(mass, 1e-3)
     margin = 2 * math.ceil(gradient_sigma_px) + 3
     inside = wood if valid.all() else cv2.erode(wood, np.ones((margin, margin), np.uint8))
-    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0) * inside / 32.0
-    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1) * inside / 32.0
+    gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1.0 / 32.0) * inside
+    gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1.0 / 32.0) * inside
     if pith is not None:
         away_x = np.arange(value.shape[1], dtype=np.float32)[None, :] - np.float32(pith[0])
         away_y = np.arange(value.shape[0], dtype=np.float32)[:, None] - np.float32(pith[1])
         length = (gx * gx + gy * gy) * (away_x * away_x + away_y * away_y)
         radial = (gx * away_x + gy * away_y) ** 2 / np.maximum(length, 1e-20)
         gx, gy = gx * radial, gy * radial
-    cos2 = _blur(gx * gx - gy * gy, window_sigma_px)
-    sin2 = _blur(2.0 * gx * gy, window_sigma_px)
-    energy = _blur(gx * gx + gy * gy, window_sigma_px)
+    step = _window_step(window_sigma_px)
+    xx, yy, xy = (
+        enlarged(_blur(block_mean(product, step), window_sigma_px / step), step, gx.shape)
+        for product in (gx * gx, gy * gy, gx * gy)
+    )
+    cos2, sin2, energy = xx - yy, 2.0 * xy, xx + yy
     if pith is not None:
         # And a circle is the first guess.
         turn = 2.0 * np.arctan2(away_y, away_x)

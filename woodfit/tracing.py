@@ -170,7 +170,8 @@ def trace_rings(
     max_gap_rings : float
         How far, in local ring widths, a trace carries on without belief.
     shortest_rings : float
-        Traces shorter than this many local ring widths (or than most of a narrow scan) are dropped.
+        Traces shorter than this many local ring widths (or than most of a narrow scan) are dropped; closed ones when
+        they are no longer than the way round half a ring width.
 
     Returns
     -------
@@ -208,7 +209,8 @@ def trace_rings(
         path = np.concatenate(parts)
         if not closed and turned > 5.5:
             path, closed = _close(path, 0.35 / f)
-        if len(path) < min(shortest_rings / f, 0.6 * min(height, width)) and not closed:
+        # What closes within half a ring goes round the pith itself, or a speck.
+        if len(path) < (np.pi / f if closed else min(shortest_rings / f, 0.6 * min(height, width))):
             _mark(owner, x, y, 0.3 / f, -1)
             continue
         for px, py, _ in path:

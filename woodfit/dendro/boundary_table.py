@@ -166,29 +166,32 @@ def _path_of(marks: list[Mark], name: str, source: str) -> MarkedPath:
     borders: list[Mark] = []
     rings: list[int] = []
     gaps: list[list[Mark]] = []
-    absent, gap = 0, list[Mark]()
+    absents: list[int] = []
+    skipped, absent, gap = 0, 0, list[Mark]()
     latewood, pith = [], None
     for mark in marks:
         if mark.kind in ("absent", "untraced"):
-            absent += 1
+            skipped += 1
+            absent += mark.kind == "absent"
         elif mark.kind == "gap":
             gap.append(mark)
         elif mark.kind == "latewood":
             latewood.append(mark.xy)
         elif mark.kind == "pith":
-            if borders or absent or gap or pith is not None:
+            if borders or skipped or gap or pith is not None:
                 raise error(source, mark.line, "the pith among the boundaries", "it in the first row of its path")
             pith = np.array(mark.xy, np.float64)
         else:
             _check_order(borders, mark, source)
             if borders:
-                rings.append(0 if gap else 1 + absent)
+                rings.append(0 if gap else 1 + skipped)
+                absents.append(0 if gap else absent)
                 gaps.append(gap)
-            elif absent or gap:
+            elif skipped or gap:
                 raise error(source, mark.line, "absent rings or a gap before the first boundary", "them after it")
             borders.append(mark)
-            absent, gap = 0, []
-    if absent or gap:
+            skipped, absent, gap = 0, 0, []
+    if skipped or gap:
         raise error(source, marks[-1].line, "absent rings or a gap after the last boundary", "them before it")
     if len(borders) < 2:
         raise error(source, marks[0].line, f"{len(borders)} boundaries on a path", "at least two")
@@ -199,6 +202,7 @@ def _path_of(marks: list[Mark], name: str, source: str) -> MarkedPath:
         gaps=tuple(np.array([mark.xy for mark in gap], np.float64).reshape(-1, 2) for gap in gaps),
         latewood=np.array(latewood, np.float64).reshape(-1, 2),
         pith=pith,
+        absent=tuple(absents),
     )
 
 

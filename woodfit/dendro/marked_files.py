@@ -51,18 +51,22 @@ def path_of_pos(measured: coorecorder.MeasuredPath, source: str) -> MarkedPath:
     borders: list[PathPoint] = []
     gaps: list[list[PathPoint]] = []
     rings: list[int] = []
+    absent: list[int] = []
     untouched = _untouched(measured, UNTOUCHED_PX * coorecorder.MM_PER_INCH / dpi)
     for point in measured.points:
         if point in untouched:
             rings[-1] += 1 + point.zeros
+            absent[-1] += point.zeros
         elif point.kind == "border":
             borders.append(point)
             gaps.append([])
             rings.append(1 + point.zeros)
+            absent.append(point.zeros)
         elif point.kind == "gap" and borders:
             gaps[-1].append(point)
     latewood = [point.xy_mm for point in measured.points if point.kind == "latewood"]
     rings = [0 if gap else count for count, gap in zip(rings, gaps, strict=True)][:-1]
+    absent = [0 if gap else count for count, gap in zip(absent, gaps, strict=True)][:-1]
     path = MarkedPath(
         name=source,
         borders=tuple(
@@ -74,6 +78,7 @@ def path_of_pos(measured: coorecorder.MeasuredPath, source: str) -> MarkedPath:
             coorecorder.px_from_mm(np.array([point.xy_mm for point in gap]).reshape(-1, 2), dpi) for gap in gaps[:-1]
         ),
         latewood=coorecorder.px_from_mm(np.array(latewood).reshape(-1, 2), dpi),
+        absent=tuple(absent),
     ).reversed()
     pith = measured.pith_xy_mm
     if pith is None:
