@@ -11,6 +11,7 @@ from pipeline.problems import Problem, UsageError
 
 if TYPE_CHECKING:
     from pipeline.cleaning import Leftover
+    from pipeline.config import Config
     from pipeline.context import ScanRow
     from pipeline.evaluation import Evaluation
     from pipeline.layout import Layout
@@ -19,6 +20,14 @@ if TYPE_CHECKING:
 
 def run_project(config: Path, selection: Selection, execution: Mapping[str, Any], debug: bool) -> int:
     """Run a config and tell how it went; returns the exit status."""
+    rows, _ = run_and_tell(config, selection, execution, debug)
+    return 1 if any(row.outcome == "failed" for row in rows) else 0
+
+
+def run_and_tell(
+    config: Path, selection: Selection, execution: Mapping[str, Any], debug: bool
+) -> tuple[list[ScanRow], Config]:
+    """Run a config, print the summary and write the overview page; a row for each scan, and the config."""
     from pipeline.layout import Layout
     from pipeline.progress import reporter_for
     from pipeline.project import Project
@@ -41,7 +50,7 @@ def run_project(config: Path, selection: Selection, execution: Mapping[str, Any]
     index = write_index(project.config.output, every)
     if index is not None:
         console.print(f"open {index}", markup=False, highlight=False, soft_wrap=True)
-    return 1 if any(row.outcome == "failed" for row in rows) else 0
+    return rows, project.config
 
 
 def write_index(output: Path, rows: Sequence[ScanRow]) -> Path | None:

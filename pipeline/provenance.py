@@ -9,7 +9,7 @@ from typing import Any
 from pipeline.context import ScanRow
 from pipeline.layout import Layout, read_json
 from pipeline.problems import Problem, UsageError, did_you_mean
-from pipeline.store import read_meta, read_provenance
+from pipeline.store import read_meta, read_provenance, rings_found
 
 
 def provenance_of(layout: Layout, stem: str) -> dict[str, Any]:
@@ -50,8 +50,6 @@ def _stage(layout: Layout, name: str, entry: dict[str, Any]) -> dict[str, Any]:
 
 def recorded_rows(layout: Layout, scans: Iterable[Path]) -> list[ScanRow]:
     """Lines for scans that this run left alone, from what their last run left behind."""
-    from stages.variables import RING_INDEX
-
     rows = []
     for scan in scans:
         record = read_json(layout.record(scan.stem))
@@ -59,7 +57,6 @@ def recorded_rows(layout: Layout, scans: Iterable[Path]) -> list[ScanRow]:
             continue
         metas = [read_meta(layout, name, entry["key"]) for name, entry in record["stages"].items()]
         there = [meta for meta in metas if meta is not None]
-        sizes = [meta.size(RING_INDEX.dims[0]) for meta in there]
         products = {name: entry["file"] for name, entry in record["products"].items()}
         rows.append(
             ScanRow(
@@ -67,7 +64,7 @@ def recorded_rows(layout: Layout, scans: Iterable[Path]) -> list[ScanRow]:
                 stem=scan.stem,
                 outcome="failed" if record["message"] else "reused",
                 message=record["message"],
-                rings=next((size for size in sizes if size is not None), None),
+                rings=rings_found(there),
                 products={name: file for name, file in products.items() if layout.product(scan.stem, file).exists()},
                 warnings=tuple(warning for meta in there for warning in meta.warnings),
             )

@@ -10,7 +10,7 @@ from pipeline.context import ScanRow
 from pipeline.jobs import Status
 from pipeline.layout import Layout, write_json
 from pipeline.plan import Action, ProductNode, ScanPlan, StageNode
-from pipeline.store import Meta
+from pipeline.store import Meta, rings_found
 from pipeline.wiring import SOURCE
 
 
@@ -90,10 +90,7 @@ class ScanRun:
 
     def rings(self) -> int | None:
         """Ring boundaries found, if they were traced."""
-        from stages.variables import RING_INDEX
-
-        sizes = [meta.size(RING_INDEX.dims[0]) for meta in self.metas.values()]
-        return next((size for size in sizes if size is not None), None)
+        return rings_found(self.metas.values())
 
     def row(self, complete: bool, layout: Layout) -> ScanRow:
         """The scan's line in the summary."""

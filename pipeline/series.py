@@ -76,26 +76,18 @@ def series_project(
     debug: bool,
 ) -> tuple[Exported, int]:
     """Run the scans of a config up to their series and write these; also the exit status."""
+    from pipeline.commands import run_and_tell
     from pipeline.plan import Selection
-    from pipeline.progress import reporter_for
-    from pipeline.project import Project
-    from pipeline.tables import make_console, summary_table
-    from pipeline.threads import HEAVY
 
-    console = make_console()
-    project = Project.load(config)
-    selection = Selection(until=LAST_STAGE, scan=scan)
-    results = project.run(selection, reporter_for(console), execution, debug, HEAVY)
-    rows = [row for _, row in results]
-    console.print(summary_table(rows))
-    layout = Layout(project.config.output)
+    rows, loaded = run_and_tell(config, Selection(until=LAST_STAGE, scan=scan), execution, debug)
+    layout = Layout(loaded.output)
     exported = Exported([], [f"{row.scan.name}: {row.message}" for row in rows if row.outcome == "failed"])
     documents: dict[Path, dict[str, Any]] = {}
     for row in rows:
         if row.outcome != "failed":
             documents[row.scan] = json.loads(layout.product(row.stem, "series.json").read_text(encoding="utf-8"))
-    folder = project.config.output / "series" if out is None else out
-    write_exports(documents, formats, folder, project.config.path.stem, unit_mm, exported)
+    folder = loaded.output / "series" if out is None else out
+    write_exports(documents, formats, folder, loaded.path.stem, unit_mm, exported)
     return exported, 1 if exported.problems else 0
 
 

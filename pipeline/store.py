@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import shutil
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,12 +55,13 @@ class Meta:
     figures: Mapping[str, float | str] = field(default_factory=dict)
     format: int = FORMAT
 
-    def size(self, dim: str) -> int | None:
-        """Length of a dimension, if any variable has it."""
-        for variable in self.variables.values():
-            if dim in variable["dims"]:
-                return int(variable["shape"][variable["dims"].index(dim)])
-        return None
+
+def rings_found(metas: Iterable[Meta]) -> int | None:
+    """Different ring boundaries that a scan's results tell of; ``None`` before they were traced."""
+    from stages.variables import RING_COUNT_FIGURE
+
+    counts = [meta.figures[RING_COUNT_FIGURE] for meta in metas if RING_COUNT_FIGURE in meta.figures]
+    return int(counts[0]) if counts else None
 
 
 def read_meta(layout: Layout, stage: str, key: str) -> Meta | None:

@@ -27,6 +27,7 @@ from stages.variables import (
     RESPONSE,
     RING_CLOSED,
     RING_CONFIDENCE,
+    RING_COUNT_FIGURE,
     RING_GROUP,
     RING_INDEX,
     RING_ORIENTATION,
@@ -167,7 +168,7 @@ def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
         attrs={
             "warnings": [*rings.describe_doubt(found), *corrected.notes],
             "figures": {
-                "ring boundaries": len(np.unique(np.stack([found.order.group, found.order.index]), axis=1).T),
+                RING_COUNT_FIGURE: len(np.unique(np.stack([found.order.group, found.order.index]), axis=1).T),
                 "polylines": len(found.traces),
                 **corrected.figures,
                 "growth sureness": round(found.growth.sureness, 2),

@@ -72,6 +72,8 @@ RING_Y = Variable("ring_y", ("vertex",), "f", "px", "y of the ring boundary vert
 VERTEX_CONFIDENCE = Variable("vertex_confidence", ("vertex",), "f", "1", "Confidence of each vertex, 0..1.")
 VERTEX_COUNT = Variable("vertex_count", ("ring",), "iu", "1", "Vertices of each polyline, in order.")
 RING_INDEX = Variable("ring_index", ("ring",), "iu", "1", "Consecutive index of the ring boundary, growing outwards.")
+#: Under this name `ring_tracing` tells how many different boundaries its polylines are.
+RING_COUNT_FIGURE = "ring boundaries"
 RING_CONFIDENCE = Variable("ring_confidence", ("ring",), "f", "1", "Confidence of each polyline, 0..1.")
 RING_GROUP = Variable(
     "ring_group",

@@ -1,4 +1,4 @@
-"""From photographs of cores to files, a correction by hand, the series it gives, and crossdating: by the command line."""
+"""From photographs of cores to files, a correction by hand, the series it gives, and crossdating: all by commands."""
 
 from __future__ import annotations
 

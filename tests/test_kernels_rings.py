@@ -11,7 +11,7 @@ from kernel_scenes import Array, Image, conifer, noise, pixels, round_age, strai
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from woodfit.boundary import edge_offsets, edge_strength
+from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.curved_gabor import GaborField, Region, curved_gabor
 from woodfit.growth import Growth, find_growth, outward_flux
 from woodfit.matching import line_crossings
@@ -75,6 +75,76 @@ def test_concentric_rings_are_traced_as_closed_circles() -> None:
     outer = [t for t, r in zip(traces, radii, strict=True) if r.mean() >= 121]
     assert not any(t.closed for t in outer)
     assert len(outer) >= 8
+
+
+def turns_of(points: Array, center: tuple[float, float]) -> float:
+    """How often a line goes round a point, without sign."""
+    azimuth = np.unwrap(np.arctan2(points[:, 1] - center[1], points[:, 0] - center[0]))
+    return float(abs(azimuth[-1] - azimuth[0]) / (2 * np.pi))
+
+
+@pytest.mark.parametrize("width", [7.0, 15.0, 26.0])
+def test_a_circle_closes_once(width: float) -> None:
+    center = (120.3, 119.8)
+    age, _ = round_age((241, 241), center, width)
+    closed = [t for t in trace(age) if t.closed]
+    radii = sorted(float(np.hypot(*(t.points - center).T).mean()) for t in closed)
+    npt.assert_allclose(radii, width * np.arange(1, len(radii) + 1), atol=0.15)
+    assert len(radii) == int(118 / width)
+    for t in closed:
+        # The last point is next to the first and not beyond it.
+        assert 1.0 - 3.0 / len(t.points) < turns_of(t.points, center) < 1.0 + 1.5 / len(t.points)
+
+
+@pytest.mark.parametrize("pitch", [1.0, -1.0, 2.0])
+def test_a_spiral_walk_ends_after_one_turn(pitch: float) -> None:
+    """A tear in the phase that makes one endless boundary of all rings."""
+    shape, center, width = (241, 241), (120.3, 119.8), 15.0
+    age, outwards = round_age(shape, center, width)
+    age = age + pitch * outwards / (2 * np.pi)
+    traces = trace_rings(
+        wrapped(2 * np.pi * age), outwards, np.full(shape, 1 / width), np.ones(shape), wood(shape), **LIMITS
+    )
+    whole = [t for t in traces if np.hypot(*(t.points - center).T).max() < 110]
+    assert len(whole) >= 4
+    assert not any(t.closed for t in whole)
+    # Its start lies up to a ring off the circle, where the tangent turns a little further.
+    assert max(turns_of(t.points, center) for t in whole) < 1.15
+    assert crossings([t.points for t in traces]) == []
+
+
+def test_a_walk_that_comes_home_a_little_off_is_closed_without_an_overlap() -> None:
+    shape, center, width = (241, 241), (120.3, 119.8), 15.0
+    age, outwards = round_age(shape, center, width)
+    torn = age + 0.2 * outwards / (2 * np.pi)
+    traces = trace_rings(
+        wrapped(2 * np.pi * torn), outwards, np.full(shape, 1 / width), np.ones(shape), wood(shape), **LIMITS
+    )
+    inner = [t for t in traces if np.hypot(*(t.points - center).T).max() < 110]
+    assert len(inner) >= 5
+    for t in inner:
+        assert t.closed
+        assert turns_of(t.points, center) < 1.01
+        assert np.hypot(*(t.points[0] - t.points[-1])) < 0.35 * width
+
+
+def test_a_speck_that_closes_within_half_a_ring_is_no_ring() -> None:
+    shape, center, width = (160, 160), (80.0, 80.0), 20.0
+    age, _ = round_age(shape, center, width)
+    # The dark pith itself: a boundary phase at a third of a ring.
+    x, y = pixels(shape)
+    near = np.hypot(x - center[0], y - center[1]) < 0.5 * width
+    phase = np.where(near, age - 0.3, age)
+    traces = trace_rings(
+        wrapped(2 * np.pi * phase),
+        np.arctan2(y - center[1], x - center[0]),
+        np.full(shape, 1 / width),
+        np.ones(shape),
+        wood(shape),
+        **LIMITS,
+    )
+    radii = sorted(float(np.hypot(*(t.points - center).T).mean()) for t in traces if t.closed)
+    npt.assert_allclose(radii, [20.0, 40.0, 60.0], atol=0.3)
 
 
 @pytest.mark.parametrize("tangent", [0.0, 0.6, np.pi / 2, 2.5])
@@ -182,6 +252,33 @@ def test_the_edge_of_a_closed_ring_has_no_seam() -> None:
         strength, np.roll(points, 60, axis=0), np.roll(turn, 60), np.full(240, 20.0), 0.0, 0.16, closed=True
     )
     npt.assert_allclose(np.roll(rolled, -60), offset, atol=0.02)
+
+
+def step_across(blur_px: float) -> tuple[Image, Array]:
+    """A step at x = 60 between dark latewood inside and bright earlywood outside, and points on its steepest place."""
+    x, _ = pixels((40, 120))
+    value = gaussian_filter(np.where(x < 60, 0.3, 0.8), (0.0, blur_px)).astype(np.float32)
+    return value, np.stack([np.full(30, 59.5), np.arange(5.0, 35.0)], axis=1)
+
+
+@pytest.mark.parametrize("blur_px", [0.5, 0.7])
+def test_the_foot_of_a_sharp_step_is_where_its_latewood_begins(blur_px: float) -> None:
+    value, points = step_across(blur_px)
+    way, sharp = latewood_foot(value, points, np.zeros(30), np.full(30, 40.0), closed=False)
+    assert sharp.all()
+    # Four fifths of a blurred step are behind 0.84 standard deviations inside of its steepest point.
+    npt.assert_allclose(way, 0.84 * np.hypot(blur_px, 0.29), atol=0.35)
+    assert way.max() <= 1.0
+    dark, _ = latewood_foot(0.5 * value + 0.1, points, np.zeros(30), np.full(30, 40.0), closed=False)
+    npt.assert_allclose(dark, way, atol=1e-4)
+
+
+@pytest.mark.parametrize("blur_px", [3.0, 6.0])
+def test_a_step_out_of_focus_has_no_foot(blur_px: float) -> None:
+    value, points = step_across(blur_px)
+    way, sharp = latewood_foot(value, points, np.zeros(30), np.full(30, 40.0), closed=False)
+    assert not sharp.any()
+    npt.assert_array_equal(way, 0.0)
 
 
 # --- order --------------------------------------------------------------------------------------------------
@@ -302,6 +399,27 @@ def test_flux_is_the_sign_of_the_spread() -> None:
     assert abs(outward_flux(np.full(shape, 0.4), np.ones(shape), 10.0)) < 1e-5
 
 
+@pytest.mark.parametrize("polarity", [1.0, -1.0])
+@pytest.mark.parametrize("pith", [(110.0, 90.0), (20.0, 150.0)])
+def test_growth_is_away_from_a_pith_that_is_seen(polarity: float, pith: tuple[float, float]) -> None:
+    shape = (180, 200)
+    age, outwards = round_age(shape, pith, 14.0)
+    value = conifer(polarity * age) + noise(shape, 0.02)
+    field, _ = field_of(value, 14.0)
+    fields = (field.normal, field.asymmetry, field.explained, wood(shape), 14.0)
+    growth = find_growth(*fields, pith=pith)
+    assert (np.cos(growth.direction - outwards) > 0.0).all()
+    assert (np.cos(growth.direction - outwards) > 0.9)[age > 2].mean() > 0.99
+    # Only the kind of wood is open then.
+    assert growth.bright_outwards == (polarity > 0)
+    assert growth.sureness > 0.9
+    assert growth.flux > 0.3
+    told = find_growth(*fields, bright_outwards=polarity < 0, pith=pith)
+    assert told.bright_outwards == (polarity < 0)
+    npt.assert_array_equal(told.direction, growth.direction)
+    assert told.sureness == 1.0
+
+
 # --- all together -------------------------------------------------------------------------------------------
 def rings_of(value: Image, scale: float) -> Rings:
     field, _ = field_of(value, scale)
@@ -334,6 +452,27 @@ def test_drawn_rings_are_found_on_their_edges_with_their_numbers() -> None:
     npt.assert_allclose(across, np.arange(4, 20) * 16.0 - 60.0, atol=1.0)
     assert np.percentile(np.abs(wrapped(rings.phase - 2 * np.pi * age)), 95) < np.pi / 4
     assert (np.cos(rings.growth.direction - outwards) > 0.9).mean() > 0.99
+
+
+@pytest.mark.parametrize(("blur_px", "inwards"), [(0.6, True), (3.0, False)])
+def test_only_boundaries_in_focus_are_moved_onto_the_latewood(blur_px: float, inwards: bool) -> None:
+    shape, width = (120, 260), 40.0
+    age = straight(shape, width, -np.pi / 2, 0.3)
+    fine = 16
+    x = (np.arange(shape[1] * fine) + 0.5) / fine - 0.5
+    drawn = gaussian_filter(0.8 - 0.4 * np.mod(x / width + 0.3, 1.0) ** 2, blur_px * fine)
+    value = np.broadcast_to(drawn.reshape(-1, fine).mean(axis=1), shape) + noise(shape, 0.003)
+    rings = rings_of(value.astype(np.float32), width)
+    assert rings.growth.bright_outwards
+    lines = [t for t in rings.traces if 20 < t.points[:, 0].mean() < 240]
+    assert len(lines) >= 5
+    slope = np.gradient(drawn)
+    for t in lines:
+        near = np.abs(x - t.points[:, 0].mean()) < 8
+        steepest = float(x[near][slope[near].argmax()])
+        moved = steepest - float(np.median(t.points[:, 0]))
+        assert (0.2 < moved <= 1.2) if inwards else (abs(moved) < 0.3)
+    assert age.max() > 5
 
 
 @pytest.mark.parametrize("name", ["flat_sawn", "end_grain_pith", "ring_porous"])

@@ -73,12 +73,13 @@ def _belief(
 def without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: FloatArray) -> list[Trace]:
     """Drop lines whose wave is a small part of what the face's boundaries have: fibre in a wide ring.
 
-    A faint edge is believed where the wave goes on strongly: a pale ring among clear ones is still a ring.
+    A faint edge is believed where the wave goes on strongly, and where it is clear beside its own surroundings: a pale
+    ring among dark ones is still a ring.
 
     Parameters
     ----------
     traces : list of Trace
-        On their edges.
+        From `believe`.
     response : complex array of shape (M, N)
         From the curved Gabor filter.
     strength : array of shape (M, N)
@@ -94,7 +95,8 @@ def without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: Flo
         middle = np.searchsorted(np.cumsum(length[order]), 0.5 * length.sum())
         shares.append(typical / max(float(typical[order][middle]), 1e-12))
     wave, edge = shares
-    keep = (wave >= 0.2) & ((edge >= 0.15) | (wave >= 0.6))
+    sure = np.array([float(t.confidence.mean()) for t in traces]) > 0.9
+    keep = sure | ((wave >= 0.2) & ((edge >= 0.15) | (wave >= 0.6)))
     return [t for t, good in zip(traces, keep, strict=True) if good]
 
 

@@ -186,8 +186,8 @@ def find_rings(
     phase = np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32)
     traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
     moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
-    clear = without_faint(without_doubles(moved, frequency), response, strength)
-    kept = _believed(clear, strength, valid, frequency, ring_scale_px)
+    kept = _believed(without_doubles(moved, frequency), strength, valid, frequency, ring_scale_px)
+    kept = without_faint(kept, response, strength)
     if not vessels:
         # Beside a ring of vessels the latewood's fine texture would pass for another.
         between = missed_boundaries(kept, strength, growth.direction, frequency, valid)
