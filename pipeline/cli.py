@@ -15,7 +15,7 @@ import typer
 
 app = typer.Typer(
     name="woodpipe",
-    help="From photographs of wood to solid wood textures.",
+    help="From photographs of wood to rings, ring series and solid wood textures.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -174,13 +174,13 @@ def evaluate(
     config: OptionalConfig = DEFAULT_CONFIG,
     labels: Annotated[Path | None, typer.Option("--labels", metavar="DIR", help="Folder with label files.")] = None,
     scan: ScanOption = None,
-    species: Annotated[bool, typer.Option("--species", help="Take a scan's folder for its species.")] = False,
+    species: Annotated[bool, typer.Option("--species", help="Take a scan's folder for its species where none is said.")] = False,
     tolerance: Annotated[float, typer.Option(min=0.0, metavar="PX", help="How far from a label is a hit.")] = 3.0,
-    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Write the table.")] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Write every figure to a table.")] = None,
     json_output: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Compare rings and textures with synthetic truth or hand labels, where there are any."""
+    """Compare rings, widths and textures with hand labels or the truth of drawn samples."""
     with told_to_people(debug):
         from pipeline.commands import evaluate_project
         from pipeline.evaluation_tables import evaluation_parts, write_csv
@@ -200,10 +200,51 @@ def evaluate(
 
 
 @app.command()
+def series(
+    config: OptionalConfig = DEFAULT_CONFIG,
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to", metavar="FORMATS", help="rwl, fh, tridas, csv, csv-long, json, pos, boundaries; between commas."
+        ),
+    ] = "rwl,pos",
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where to write; default: series in the output folder.")
+    ] = None,
+    unit: Annotated[str, typer.Option("--unit", metavar="MM", help="Unit of .rwl and .fh: 0.01 or 0.001.")] = "0.001",
+    scan: ScanOption = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="tcp://... of an existing Dask cluster, or 'threads' for this process.")
+    ] = None,
+    debug: DebugOption = False,
+) -> None:
+    """Measure ring widths and write them in the formats of dendrochronology.
+
+    One file holds the series of all scans; pos is written for each path, and
+    boundaries for each scan: these a person can correct. What fails or has no
+    scale is told in a line and left out, and the exit status is then 1.
+    """
+    with told_to_people(debug):
+        from pipeline.series import parse_formats, parse_unit, series_project
+
+        options = {"workers": workers, "scheduler": scheduler}
+        given = {name: value for name, value in options.items() if value is not None}
+        exported, status = series_project(config, parse_formats(to), out, parse_unit(unit), scan, given, debug)
+    for file in exported.files:
+        print(file)
+    for line in (*exported.notes, *exported.problems):
+        print(line, file=sys.stderr)
+    raise typer.Exit(status)
+
+
+@app.command()
 def crossdate(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILES...", help="Series: .rwl, .pos, .fh, .xml, .csv, or a scan's product folder."),
+        typer.Argument(
+            metavar="FILES...", help="Series: .rwl, .pos, .fh, .xml, .csv, .json, or a scan's product folder."
+        ),
     ],
     master: Annotated[
         Path | None, typer.Option("--master", metavar="FILE", help="Compare with its mean, not with the other series.")
@@ -230,37 +271,6 @@ def crossdate(
             make_console().print(crossdating_table(result))
     for note in result.notes:
         print(note, file=sys.stderr)
-
-
-@app.command()
-def series(
-    config: OptionalConfig = DEFAULT_CONFIG,
-    to: Annotated[
-        str, typer.Option("--to", help="Of rwl, pos, boundaries, fh, tridas, csv, csv-long, json; between commas.")
-    ] = "rwl,pos",
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where to write; default: series in the output folder.")
-    ] = None,
-    unit: Annotated[str, typer.Option("--unit", help="Unit of .rwl and .fh, mm: 0.01 or 0.001.")] = "0.001",
-    scan: ScanOption = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="tcp://... of an existing Dask cluster, or 'threads' for this process.")
-    ] = None,
-    debug: DebugOption = False,
-) -> None:
-    """Measure ring widths and write them in the formats of dendrochronology."""
-    with told_to_people(debug):
-        from pipeline.series import parse_formats, parse_unit, series_project
-
-        options = {"workers": workers, "scheduler": scheduler}
-        given = {name: value for name, value in options.items() if value is not None}
-        exported, status = series_project(config, parse_formats(to), out, parse_unit(unit), scan, given, debug)
-    for file in exported.files:
-        print(file)
-    for line in (*exported.notes, *exported.problems):
-        print(line, file=sys.stderr)
-    raise typer.Exit(status)
 
 
 @app.command()

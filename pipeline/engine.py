@@ -131,17 +131,18 @@ class Engine:
         return [run.row(len(run.plan.stages) + len(run.plan.products) == everything, self._layout) for run in runs]
 
     def _start(self, plans: Sequence[ScanPlan]) -> Executor:
-        """Start as many workers as can be busy: one scan alone gets one process with all cores."""
+        """Start as many workers as can be busy; one scan of few pixels alone is computed in this process."""
         busy = [plan for plan in plans if not plan.problem and not plan.is_idle]
         workers = self._execution.workers or self._cores
         side = self._execution.tile
         probes = [plan.content.probe for plan in busy if plan.content.probe]
-        threads = 1
+        threads, scheduler = 1, self._execution.scheduler
         if not any(is_tiled((probe.height, probe.width), side) for probe in probes):
             if len(busy) == 1:
                 threads = min(2, workers)
+                scheduler = "threads" if scheduler == "auto" else scheduler
             workers = min(workers, len(busy))
-        return start_executor(self._execution.scheduler, workers, threads, self._preload, self._debug)
+        return start_executor(scheduler, workers, threads, self._preload, self._debug)
 
     def _advance(self, run: ScanRun) -> None:
         """Settle what is reused and queue what can start now."""

@@ -145,7 +145,7 @@ def start_executor(scheduler: str, workers: int, threads: int, preload: tuple[st
         theirs = ("distributed", "distributed.batched", "distributed.nanny", "distributed.worker")
         for name in (*theirs, "tornado.application", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
-    if scheduler == "local":
+    if scheduler in ("auto", "local"):
         return DaskExecutor.local(workers, threads, preload, debug)
     return DaskExecutor.remote(scheduler, preload, debug)
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import threading
 
-HEAVY = ("numba", "torch", "cv2", "scipy.ndimage", "xarray", "zarr", "stages")
+# OpenMP's threads sleep between two kernels rather than spin; read when the library starts, in workers too.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+HEAVY = ("numba", "cv2", "scipy.ndimage", "xarray", "zarr", "stages")
 _preloading: list[threading.Thread] = []
 
 

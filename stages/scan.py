@@ -13,9 +13,9 @@ from stages.stage import Params, scalar, stage
 from stages.variables import (
     DPI_PIXEL_SIZE,
     ENCODED,
-    OPAQUE,
     FACE_PITH_X,
     FACE_PITH_Y,
+    OPAQUE,
     PIXEL_SIZE,
     REDUCTION,
     RGB,
@@ -54,7 +54,18 @@ class ScanParams(Params):
 
 @stage(
     requires=(ENCODED, OPAQUE, DPI_PIXEL_SIZE),
-    provides=(RGB, VALUE, VALID, PIXEL_SIZE, REDUCTION, RING_SCALE, STRAIGHT_RUN, VESSEL_SCALE, FACE_PITH_X, FACE_PITH_Y),
+    provides=(
+        RGB,
+        VALUE,
+        VALID,
+        PIXEL_SIZE,
+        REDUCTION,
+        RING_SCALE,
+        STRAIGHT_RUN,
+        VESSEL_SCALE,
+        FACE_PITH_X,
+        FACE_PITH_Y,
+    ),
     version=3,
     params=ScanParams,
 )
@@ -105,7 +116,7 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     )
     rgb, value, clear = arrays
     if pores:
-        value = _neighbourhood(vessels.density_signal, value, vessels.density_halo(pores), pores)
+        value = _neighbourhood(vessels.density_signal, value, vessels.density_halo(pores), scale=pores)
     rgb, value, clear = (_coarsen(array, step) for array in (rgb, value, clear))
     wood = photograph.mask_at(mask, overview_step, step, clear.shape)
     valid = (clear >= 0.99) & xr.DataArray(wood, dims=("y", "x"))
@@ -153,16 +164,17 @@ def _coarsen(array: xr.DataArray, step: int) -> xr.DataArray:
     return array.astype(np.float32).coarsen(y=step, x=step, boundary="trim").mean()
 
 
-def _neighbourhood(function: Any, array: xr.DataArray, margin: int, *arguments: Any) -> xr.DataArray:
+def _neighbourhood(function: Any, array: xr.DataArray, margin: int, **named: Any) -> xr.DataArray:
     """`function` over an array in memory, or over the chunks of a large one with a margin around each."""
     if array.chunks:
         import dask.array as da
 
+        # No margin at the scan's border: there the function does as it does with the whole.
         data = da.map_overlap(
-            function, array.data, *arguments, depth=margin, boundary="nearest", dtype=np.float32, meta=np.zeros((0, 0), "f4")
+            function, array.data, depth=margin, boundary="none", dtype=np.float32, meta=np.zeros((0, 0), "f4"), **named
         )
     else:
-        data = function(array.values, *arguments)
+        data = function(array.values, **named)
     return array.copy(data=data)
 
 

@@ -59,7 +59,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "corrections").mkdir()
     draw(root / "scans/core.png")
     (root / "cores.yaml").write_text("scans: scans\noutput: out\n" + STAGES)
-    assert series(root, "first")[0] == 0
+    status, told = series(root, "first")
+    assert (status, f"open {root}/out/index.html" in told) == (0, True)
     return root
 
 

@@ -52,6 +52,71 @@ def test_the_orientation_of_rings_is_at_right_angles_to_the_radius() -> None:
     assert angle_between(angle, outwards + np.pi / 2)[away].max() < np.radians(1.0)
 
 
+def scratched(pith: tuple[float, float], shape: tuple[int, int] = (200, 220)) -> tuple[Image, np.ndarray]:
+    """Rings about a pith, and over a wedge of them rays that are stronger than the rings; the tangent."""
+    age, outwards = round_age(shape, pith, 12.0)
+    wedge = np.abs(np.angle(np.exp(1j * (outwards - 0.7)))) < 0.3
+    rays = 0.5 * np.cos(60.0 * outwards) * np.clip(age - 2.0, 0.0, 1.0)
+    return (wave(age) + wedge * rays + noise(shape, 0.01)).astype(np.float32), outwards + np.pi / 2
+
+
+def test_where_the_pith_is_seen_rays_do_not_count() -> None:
+    pith, shape = (70.0, 60.0), (200, 220)
+    value, tangent = scratched(pith)
+    age, outwards = round_age(shape, pith, 12.0)
+    rayed = (np.abs(outwards - 0.7) < 0.2) & (age > 4)
+    blind, _ = orientation(value, wood(shape), 1.0, 6.0)
+    seeing, coherence = orientation(value, wood(shape), 1.0, 6.0, pith)
+    assert np.median(angle_between(blind, tangent)[rayed]) > np.radians(60.0)
+    assert np.percentile(angle_between(seeing, tangent)[rayed], 95) < np.radians(12.0)
+    assert np.isfinite(seeing).all()
+    assert coherence.min() >= 0.0
+    assert coherence.max() <= 1.0
+
+
+def test_a_pith_hardly_changes_rings_that_go_round_it() -> None:
+    shape = (200, 200)
+    age, outwards = round_age(shape, (100.0, 100.0), 12.0)
+    plain, _ = orientation(wave(age), wood(shape), 1.0, 5.0)
+    seeing, _ = orientation(wave(age), wood(shape), 1.0, 5.0, (100.0, 100.0))
+    tangent = outwards + np.pi / 2
+    inside = (age > 3) & (age < 7.5)
+    assert angle_between(seeing, tangent)[inside].max() < np.radians(1.5)
+    # At the border half of the window is missing: there the circle helps.
+    assert angle_between(seeing, tangent)[age > 3].max() < angle_between(plain, tangent)[age > 3].max()
+
+
+def test_rings_that_are_no_circles_keep_their_own_direction() -> None:
+    shape = (200, 200)
+    x, y = pixels(shape)
+    # Ellipses, half as wide again as high.
+    inner, outer = (x - 100) / 1.5, y - 100
+    value = wave(np.hypot(inner, outer) / 10.0)
+    tangent = np.arctan2(outer, inner / 1.5) + np.pi / 2
+    angle, _ = orientation(value, wood(shape), 1.0, 5.0, (100.0, 100.0))
+    away = np.hypot(inner, outer) > 25
+    circle = np.arctan2(outer, x - 100) + np.pi / 2
+    assert angle_between(circle, tangent)[away].max() > np.radians(20.0)
+    # The circle has less than a third of the say.
+    assert angle_between(angle, tangent)[away].max() < np.radians(8.0)
+
+
+def test_orientation_about_a_pith_turns_with_the_image_and_moves_with_its_tile() -> None:
+    pith, shape = (70.0, 60.0), (200, 220)
+    value, _ = scratched(pith)
+    angle, _ = orientation(value, wood(shape), 1.0, 6.0, pith)
+    for turned, moved, expected in (
+        (np.rot90(value), (pith[1], 219 - pith[0]), np.rot90(angle - np.pi / 2)),
+        (value[:, ::-1], (219 - pith[0], pith[1]), -angle[:, ::-1]),
+        (value.T, pith[::-1], np.pi / 2 - angle.T),
+    ):
+        other, _ = orientation(np.ascontiguousarray(turned), wood(turned.shape), 1.0, 6.0, moved)
+        assert np.percentile(angle_between(other, expected), 99) < 1e-2
+    margin = 64
+    tile, _ = orientation(value[64:, 64:], wood((136, 156)), 1.0, 6.0, (pith[0] - 64, pith[1] - 64))
+    assert np.percentile(angle_between(tile[margin:, margin:], angle[128:, 128:]), 99) < 1e-3
+
+
 def test_orientation_turns_with_the_image() -> None:
     value = board()
     angle, coherence = orientation(value, wood(value.shape), 1.0, 6.0)

@@ -178,7 +178,8 @@ def test_no_module_path_in_a_saved_texture(tmp_path: Path) -> None:
 
 def photos(folder: Path) -> None:
     """Files by the names that the examples use; their content is not looked at."""
-    for name in ("samples/board.png", "photos/core_1.png", "photos/board_1.jpg", "photos/year/board_2.tif", "oak.png"):
+    boards = ("samples/board.png", "photos/core_1.png", "photos/board_1.jpg", "photos/year/board_2.tif", "oak.png")
+    for name in (*boards, "cores/FCP01A_2019.png"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()
 
@@ -219,6 +220,9 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
     requirements = pyproject()["project"]["dependencies"]
     declared = {distribution(requirement) for requirement in requirements}
     extras = {extra for requirement in requirements for extra in re.findall(r"\[(\w+)\]", requirement)}
+    # Of woodpipe's own extras only `dev` is not for users.
+    optional = pyproject()["project"]["optional-dependencies"]
+    extras |= {distribution(part) for name, parts in optional.items() if name != "dev" for part in parts}
     names = {IMPORTED_AS.get(name, name) for name in declared}
     assert {name.lower() for name in imported} - names - extras == set(), "imported, not declared"
     unused = {name for name in declared if IMPORTED_AS.get(name, name) not in {name.lower() for name in imported}}
@@ -229,7 +233,8 @@ def test_every_dependency_is_pinned_in_the_constraints() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pins = {distribution(line): line for line in lines if line and not line.startswith("#")}
     metadata = pyproject()["project"]
-    wanted = {distribution(r) for r in (*metadata["dependencies"], *metadata["optional-dependencies"]["dev"])}
+    extras = [requirement for extra in metadata["optional-dependencies"].values() for requirement in extra]
+    wanted = {distribution(requirement) for requirement in (*metadata["dependencies"], *extras)}
     assert wanted - set(pins) == set()
     assert [line for line in pins.values() if not re.fullmatch(r"[\w.-]+==[\w.]+", line)] == [], "no local versions"
 

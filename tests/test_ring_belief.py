@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from woodfit.boundary import edge_strength
 from woodfit.curved_gabor import Region, curved_gabor
-from woodfit.ring_belief import believe, without_doubtful
+from woodfit.ring_belief import believe, mean_slope, without_doubtful, without_faint
 from woodfit.rings import find_rings
 from woodfit.structure_tensor import orientation
 from woodfit.tracing import Trace
@@ -24,7 +24,8 @@ def edges(contrast: float = 3.0) -> Image:
     """Slopes across horizontal rings: a ridge every ring width among slopes of size one."""
     rows = np.arange(SHAPE[0])[:, None]
     ridge = np.exp(-0.5 * ((np.mod(rows + RING / 2, RING) - RING / 2) / 1.0) ** 2)
-    return np.asarray(np.where(ridge > 0.5, contrast * ridge, np.where(rows % 2, 1.0, -1.0)) * np.ones(SHAPE), np.float32)
+    across = np.where(ridge > 0.5, contrast * ridge, np.where(rows % 2, 1.0, -1.0))
+    return np.asarray(across * np.ones(SHAPE), np.float32)
 
 
 def on_row(row: float, wave: float = 0.8) -> Trace:
@@ -32,13 +33,19 @@ def on_row(row: float, wave: float = 0.8) -> Trace:
     return Trace(np.stack([x, np.full(150, row)], axis=1), np.full(150, wave), False)
 
 
+def believed(
+    traces: list[Trace], strength: Image, valid: np.ndarray, frequency: Array, width: float = RING
+) -> list[Trace]:
+    return believe(traces, strength, mean_slope(strength, valid, width), frequency)
+
+
 def belief(strength: Image, *traces: Trace, width: float = RING) -> list[Array]:
-    believed = believe(list(traces), strength, wood(SHAPE), np.full(SHAPE, 1 / width), width)
-    for after, before in zip(believed, traces, strict=True):
+    found = believed(list(traces), strength, wood(SHAPE), np.full(SHAPE, 1 / width), width)
+    for after, before in zip(found, traces, strict=True):
         npt.assert_array_equal(after.points, before.points)
         assert after.closed == before.closed
         assert ((after.confidence > 0.0) & (after.confidence < 1.0)).all()
-    return [t.confidence for t in believed]
+    return [t.confidence for t in found]
 
 
 def test_belief_grows_with_the_contrast() -> None:
@@ -87,7 +94,7 @@ def test_belief_does_not_depend_on_the_other_lines_or_on_what_is_off_the_wood() 
     clean = strength.copy()
     clean[90:] = 0.0
     frequency = np.full(SHAPE, 1 / RING)
-    first, second = (believe([on_row(60)], s, valid, frequency, RING)[0].confidence for s in (dirty, clean))
+    first, second = (believed([on_row(60)], s, valid, frequency)[0].confidence for s in (dirty, clean))
     npt.assert_allclose(first, second, atol=1e-6)
 
 
@@ -101,7 +108,7 @@ def test_closed_traces_have_no_seam() -> None:
 
     def around(start: int, closed: bool = True) -> Array:
         trace = Trace(np.roll(points, -start, axis=0), np.full(280, 0.5), closed)
-        return np.roll(believe([trace], strength, wood(shape), frequency, RING)[0].confidence, start)
+        return np.roll(believed([trace], strength, wood(shape), frequency)[0].confidence, start)
 
     for start in (1, 90, 201):
         npt.assert_allclose(around(start), around(0), atol=1e-9)
@@ -111,24 +118,40 @@ def test_closed_traces_have_no_seam() -> None:
 # --- what is left out -----------------------------------------------------------------------------------------------
 
 
+def of(*confidence: float, closed: bool = False) -> Trace:
+    """A trace with these beliefs."""
+    return Trace(np.arange(2.0 * len(confidence)).reshape(-1, 2), np.array(confidence), closed)
+
+
 def test_doubtful_traces_and_ends_are_left_out() -> None:
-    frequency = np.full(SHAPE, 1 / RING)
-
-    def trace(*confidence: float, closed: bool = False) -> Trace:
-        return Trace(np.arange(2.0 * len(confidence)).reshape(-1, 2), np.array(confidence), closed)
-
-    sure, doubtful = trace(*[0.9] * 10), trace(*[0.39] * 10)
-    kept = without_doubtful([doubtful, sure, trace(*[0.1] * 10)], frequency)
-    assert len(kept) == 1
-    npt.assert_array_equal(kept[0].confidence, sure.confidence)
-    (cut,) = without_doubtful([trace(0.1, 0.2, 0.9, 0.9, 0.05, 0.9, 0.9, 0.2)], frequency)
+    sure, doubtful = of(*[0.9] * 10), of(*[0.45] * 10)
+    (kept,) = without_doubtful([doubtful, sure, of(*[0.1] * 10)])
+    npt.assert_array_equal(kept.confidence, sure.confidence)
+    assert len(without_doubtful([doubtful, sure], least=0.3)) == 2
+    (cut,) = without_doubtful([of(0.1, 0.2, 0.9, 0.9, 0.05, 0.9, 0.9, 0.2)])
     npt.assert_array_equal(cut.confidence, [0.9, 0.9, 0.05, 0.9, 0.9])
     npt.assert_array_equal(cut.points[0], [4.0, 5.0])
-    (round_one,) = without_doubtful([trace(0.1, *[0.9] * 9, closed=True)], frequency)
-    assert round_one.closed
-    assert len(round_one.points) == 10
-    assert without_doubtful([trace(0.1, 0.9, 0.9, 0.9, 0.1)], frequency) == []
-    assert len(without_doubtful([doubtful, sure], frequency, least=0.3)) == 2
+    # A closed one has no ends, and what is left of another must be a line.
+    (whole,) = without_doubtful([of(0.1, *[0.9] * 9, closed=True)])
+    assert whole.closed
+    assert len(whole.points) == 10
+    assert without_doubtful([of(0.1, 0.9, 0.9, 0.9, 0.1)]) == []
+
+
+def test_lines_on_a_faint_wave_are_fibre_unless_they_are_clear() -> None:
+    rows = np.arange(SHAPE[0])[:, None]
+    faint = (rows > 85) & np.ones(SHAPE, bool)
+    response = np.where(faint, 0.02, 0.2).astype(np.complex64)
+    strength = np.where(faint, 0.1, 1.0).astype(np.float32) * edges()
+    lines = [replace(on_row(row), confidence=np.full(150, 0.8)) for row in (15, 30, 45, 60, 75, 90)]
+    assert [t.points[0, 1] for t in without_faint(lines, response, strength)] == [15, 30, 45, 60, 75]
+    clear = [*lines[:5], replace(lines[5], confidence=np.full(150, 0.97))]
+    assert len(without_faint(clear, response, strength)) == 6
+    # A pale boundary on a wave that goes on is a ring, and nothing is compared among three.
+    assert len(without_faint(lines, np.full(SHAPE, 0.2, np.complex64), strength)) == 6
+    assert len(without_faint(lines[3:], response, strength)) == 3
+    for factor in (1e-3, 50.0):
+        assert len(without_faint(lines, factor * response, factor * strength)) == 5
 
 
 # --- whether it is true ---------------------------------------------------------------------------------------------
@@ -178,7 +201,7 @@ def board(kind: str, spoilt: float, seed: int) -> tuple[Judged, Judged]:
         away = found.growth.direction[rows, cols]
         points = trace.points + 7.5 * np.stack([np.cos(away), np.sin(away)], axis=1)
         beside.append(replace(trace, points=points, confidence=found.confidence[rows, cols].astype(float)))
-    return judge(found.traces), judge(believe(beside, found.strength, wood(shape), field.frequency, 15.0))
+    return judge(found.traces), judge(believed(beside, found.strength, wood(shape), field.frequency))
 
 
 def pooled(parts: list[Judged]) -> Judged:

@@ -13,13 +13,15 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 import xarray as xr
+from hypothesis import given as anything
+from hypothesis import strategies as st
 from kernel_scenes import Array, wrapped
 from pydantic import ValidationError
 from scipy.ndimage import map_coordinates
 
 from stages import STAGES
 from stages.color_map import ColorMapParams, color_map
-from stages.curved_gabor import curved_gabor
+from stages.curved_gabor import CurvedGaborParams, curved_gabor
 from stages.initial_distortion import InitialDistortionParams, initial_distortion
 from stages.orientation import orientation
 from stages.phase_polishing import phase_polishing
@@ -28,8 +30,19 @@ from stages.pose import PoseParams, pose
 from stages.products import solid_texture_of, write_rings, write_texture
 from stages.ring_tracing import RingTracingParams, ring_tracing
 from stages.scan import ScanParams, scan
-from stages.stage import ContractError, Params, Stage, Variable, check_variables, like_image, scalar, stage
-from woodfit import SolidTexture, photograph
+from stages.stage import (
+    ContractError,
+    Params,
+    Stage,
+    Variable,
+    check_variables,
+    like_image,
+    place_in_array,
+    scalar,
+    stage,
+)
+from stages.variables import FACE_PITH_X, FACE_PITH_Y, VESSEL_SCALE
+from woodfit import SolidTexture, photograph, vessels
 from woodfit.color_strip import psnr_blurred
 from woodfit.synthetic_scenes import Scene, scene
 
@@ -171,7 +184,7 @@ def test_a_stage_returns_what_it_declares_with_meaning_and_finite(one: Stage, na
         array = result[variable.name]
         assert variable.problems(result) == []
         assert array.attrs["long_name"] == variable.doc
-        if array.dtype.kind in "fc" and variable.name != "pixel_size":
+        if array.dtype.kind in "fc" and "NaN" not in variable.doc:
             assert np.isfinite(array.values).all(), variable.name
 
 
@@ -392,19 +405,112 @@ def test_a_scan_of_background_is_said_to_have_no_wood() -> None:
     assert any("Hardly any wood" in said for said in found.attrs["warnings"])
 
 
+def test_the_pith_seen_on_a_face_is_told_in_scan_px() -> None:
+    drawn_pith = drawn("end_grain_pith").log.pith[:2]
+    ds, _ = chain("end_grain_pith")
+    npt.assert_allclose([ds["face_pith_x"], ds["face_pith_y"]], drawn_pith, atol=2.0)
+    encoded = drawn("end_grain_pith").face.rgb_encoded
+    reduced = scan(source(encoded), ScanParams(reduction=2))
+    npt.assert_allclose([reduced["face_pith_x"], reduced["face_pith_y"]], drawn_pith, atol=2.0)
+    board, _ = chain("quarter_sawn")
+    assert np.isnan([board["face_pith_x"], board["face_pith_y"]]).all()
+    assert place_in_array(board, FACE_PITH_X, FACE_PITH_Y) is None
+    known = scan(source(encoded), ScanParams(pith_px=(12.5, -30.0), ring_width_px=16.0))
+    assert (float(known["face_pith_x"]), float(known["face_pith_y"])) == (12.5, -30.0)
+
+
+@anything(st.integers(1, 9), st.floats(-500, 500), st.floats(-500, 500), st.integers(0, 40))
+def test_a_place_in_the_scan_is_found_in_the_array(step: int, x: float, y: float, start: int) -> None:
+    first = start * step + (step - 1) / 2
+    ds = xr.Dataset(
+        {FACE_PITH_X.name: FACE_PITH_X.array(np.float64(x)), FACE_PITH_Y.name: FACE_PITH_Y.array(np.float64(y))},
+        coords={"y": np.arange(30) * step + first, "x": np.arange(20) * step + first},
+    )
+    place = place_in_array(ds, FACE_PITH_X, FACE_PITH_Y)
+    assert place is not None
+    npt.assert_allclose(np.array(place) * step + first, (x, y), atol=1e-9)
+    half = ds.assign({FACE_PITH_Y.name: FACE_PITH_Y.array(np.float64(np.nan))})
+    assert place_in_array(half, FACE_PITH_X, FACE_PITH_Y) is None
+
+
+# --- wood with vessels -----------------------------------------------------------------------------------------------
+
+
+@cache
+def porous() -> tuple[Scene, xr.Dataset]:
+    """Ring-porous end grain, up to its traced rings."""
+    found = scene("ring_porous_end", SIZE, 0)
+    ds = source(found.face.rgb_encoded)
+    for one in (scan, orientation, curved_gabor, ring_tracing):
+        ds = added(ds, one(ds, one.params_type()))
+    return found, ds
+
+
+def test_rings_of_ring_porous_wood_are_sought_in_the_density_of_its_vessels() -> None:
+    found, ds = porous()
+    assert int(ds["vessel_scale"]) == 1
+    dense = vessels.density_signal(photograph.grey_value(found.face.rgb_encoded), 1)
+    npt.assert_allclose(ds["value"], dense, atol=1e-5)
+    assert not bool(ds["bright_outwards"])
+    age = map_coordinates(found.face.age.astype(float), [ds["ring_y"], ds["ring_x"]], order=1, mode="nearest")
+    assert np.percentile(np.abs(age - np.round(age)), 80) < 0.15
+    # Nearly every boundary that runs through a good part of the face is there.
+    ages, counts = np.unique(np.round(found.face.age), return_counts=True)
+    assert set(ages[counts > 0.5 * np.median(counts)]) <= set(np.round(age))
+    assert set(chain("quarter_sawn")[0]["vessel_scale"].values.ravel()) == {0}
+
+
+def test_the_user_says_whether_vessels_count() -> None:
+    encoded = porous()[0].face.rgb_encoded
+    grey = scan(source(encoded), ScanParams(ring_porous=False, ring_width_px=20.0))
+    assert int(grey["vessel_scale"]) == 0
+    npt.assert_allclose(grey["value"], photograph.grey_value(encoded), atol=1e-6)
+    conifer = drawn("quarter_sawn").face.rgb_encoded
+    dense = scan(source(conifer), ScanParams(ring_porous=True, ring_width_px=16.0))
+    assert int(dense["vessel_scale"]) == 1
+    npt.assert_allclose(dense["value"], vessels.density_signal(photograph.grey_value(conifer), 1), atol=1e-5)
+
+
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_the_density_of_vessels_in_chunks_is_that_of_the_whole(reduction: int) -> None:
+    ds = source(porous()[0].face.rgb_encoded)
+    params = ScanParams(ring_width_px=20.0, reduction=reduction)
+    lazy = scan(ds.chunk({"y": 100, "x": 64}), params)
+    assert lazy["value"].chunks is not None
+    eager = scan(ds, params)
+    assert int(eager["vessel_scale"]) == 1
+    xr.testing.assert_allclose(lazy.compute(scheduler="synchronous"), eager, atol=1e-5)
+
+
+def test_the_region_of_the_filter_is_that_of_the_docs() -> None:
+    ds, given = chain("quarter_sawn")
+    sigma = float(np.clip(ds["straight_run"], 10.0, 27.0))
+    said = CurvedGaborParams(sigma_along=sigma, q=int(np.ceil(3 * sigma)), cycles=0.5)
+    xr.testing.assert_identical(curved_gabor(ds, said), given["curved_gabor"])
+    # Vessels are a narrow peak in each ring: the window across is shorter.
+    for_vessels = ds.assign(vessel_scale=VESSEL_SCALE.array(np.int64(1)))
+    shorter = curved_gabor(ds, CurvedGaborParams(sigma_along=sigma, cycles=0.4))
+    xr.testing.assert_identical(curved_gabor(for_vessels, CurvedGaborParams()), shorter)
+    assert not shorter["explained"].equals(given["curved_gabor"]["explained"])
+    assert curved_gabor.halo is not None
+    assert curved_gabor.halo(ds, CurvedGaborParams(q=120)) > curved_gabor.halo(ds, CurvedGaborParams(q=30))
+
+
 # --- tiles, and the user's word --------------------------------------------------------------------------------------
 
 
-def test_orientation_of_a_tile_with_its_halo_is_that_of_the_whole() -> None:
-    ds, given = chain("quarter_sawn")
+@each_scene
+def test_orientation_of_a_tile_with_its_halo_is_that_of_the_whole(name: str) -> None:
+    ds, given = chain(name)
     params = orientation.params_type()
     assert orientation.halo is not None
-    halo = orientation.halo(ds, params)
-    top, left = 110, 120
+    # Tiles and their margins are whole cells of every grid.
+    halo = -(-orientation.halo(ds, params) // 16) * 16
+    top, left = 112, 128
     rows, cols = slice(top - halo, top + 40 + halo), slice(left - halo, left + 50 + halo)
     assert rows.start >= 0
     assert cols.stop <= SIZE[1]
-    tile = orientation(ds[["value", "valid", "ring_scale", "reduction"]].isel(y=rows, x=cols), params)
+    tile = orientation(ds[[variable.name for variable in orientation.requires]].isel(y=rows, x=cols), params)
     core = {"y": slice(halo, halo + 40), "x": slice(halo, halo + 50)}
     wanted = given["orientation"].isel(y=slice(top, top + 40), x=slice(left, left + 50))
     npt.assert_allclose(tile["coherence"].isel(core), wanted["coherence"], atol=1e-4)

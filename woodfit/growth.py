@@ -18,7 +18,6 @@ import numpy.typing as npt
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import cg
 
-from woodfit.streamlines import smooth_along
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -154,7 +153,7 @@ def outward_flux(direction: npt.NDArray[Any], confidence: npt.NDArray[Any], ring
 
 def pore_evidence(
     value: npt.NDArray[Any],
-    orientation: npt.NDArray[Any],
+    smooth: npt.NDArray[Any],
     wave_phase: npt.NDArray[Any],
     confidence: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
@@ -167,8 +166,8 @@ def pore_evidence(
 
     Parameters
     ----------
-    value, orientation : arrays of shape (M, N)
-        Grey values; ring tangent in rad.
+    value, smooth : arrays of shape (M, N)
+        Grey values; the same smoothed a few pixels along the rings.
     wave_phase : array of shape (M, N)
         Phase of the fitted wave in rad: 0 where the ring is brightest.
     confidence, valid : arrays of shape (M, N)
@@ -179,7 +178,6 @@ def pore_evidence(
     float
         Sum of the two skewnesses; 0 when there is too little to tell.
     """
-    smooth, _ = smooth_along(value, valid, orientation, 9, 3.0)
     fine = np.asarray(value, np.float32) - smooth
     trusted = (confidence > 0.3) & valid
     total = 0.0

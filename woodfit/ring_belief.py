@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
+from woodfit.grids import block_mean, enlarged, grid_step
 from woodfit.tracing import Trace
 
 FloatArray = npt.NDArray[np.float32]
@@ -29,9 +30,8 @@ _CLEAR = 6.0
 def believe(
     traces: list[Trace],
     strength: FloatArray,
-    valid: npt.NDArray[np.bool_],
+    around: FloatArray,
     frequency: npt.NDArray[Any],
-    ring_scale_px: float,
 ) -> list[Trace]:
     """Traces with the probability of being a ring boundary as their confidence, vertex by vertex.
 
@@ -41,18 +41,15 @@ def believe(
         On their edges; their confidence is that of the wave.
     strength : array of shape (M, N)
         From `woodfit.boundary.edge_strength`.
-    valid : bool array of shape (M, N)
-        The wood.
+    around : array of shape (M, N)
+        From `mean_slope`: what the edges have to stand out of.
     frequency : array of shape (M, N)
         Rings per pixel.
-    ring_scale_px : float
-        Characteristic ring width in pixels.
 
     Returns
     -------
     list of Trace
     """
-    around = _mean_slope(strength, valid, ring_scale_px)
     return [replace(trace, confidence=_belief(trace, strength, around, frequency)) for trace in traces]
 
 
@@ -106,16 +103,17 @@ def _at(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray
     return np.asarray(image[rows, cols])
 
 
-def _mean_slope(strength: FloatArray, valid: npt.NDArray[np.bool_], ring_scale_px: float) -> FloatArray:
-    """Mean size of the slope across the rings within about a ring of each pixel."""
+def mean_slope(strength: FloatArray, valid: npt.NDArray[np.bool_], ring_scale_px: float) -> FloatArray:
+    """Mean size of the slope across the rings within about a ring of each pixel, arrays of shape (M, N)."""
     wood = valid.astype(np.float32)
-    sigma = float(ring_scale_px)
-    mass = cv2.GaussianBlur(wood, (0, 0), sigma)
-    return np.asarray(cv2.GaussianBlur(np.abs(strength) * wood, (0, 0), sigma) / (mass + 1e-6), np.float32)
+    step = grid_step(ring_scale_px)
+    sigma = ring_scale_px / step
+    mass, total = (cv2.GaussianBlur(block_mean(a, step), (0, 0), sigma) for a in (wood, np.abs(strength) * wood))
+    return enlarged(np.asarray(total / (mass + 1e-6), np.float32), step, strength.shape)
 
 
 def without_doubtful(
-    traces: list[Trace], frequency: npt.NDArray[Any], least: float = 0.5, least_at_ends: float = 0.25
+    traces: list[Trace], least: float = 0.5, least_at_ends: float = 0.25
 ) -> list[Trace]:
     """Traces that are more likely right than `least`, without ends that wander off.
 
@@ -123,8 +121,6 @@ def without_doubtful(
     ----------
     traces : list of Trace
         From `believe`.
-    frequency : array of shape (M, N)
-        Rings per pixel.
     least : float
         Least mean probability of a trace.
     least_at_ends : float

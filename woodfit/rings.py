@@ -12,7 +12,7 @@ import numpy.typing as npt
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.growth import Growth, find_growth, pore_evidence
 from woodfit.infill import missed_boundaries
-from woodfit.ring_belief import believe, without_doubtful, without_faint
+from woodfit.ring_belief import believe, mean_slope, without_doubtful, without_faint
 from woodfit.ring_closure import close_rings, describe_uneven
 from woodfit.ring_order import Order, order_rings
 from woodfit.streamlines import smooth_along
@@ -95,7 +95,13 @@ def describe_doubt(found: Rings) -> list[str]:
 def grain_ratio(
     value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: npt.NDArray[np.bool_]
 ) -> float:
-    """Mean square slope of the fine texture across the rings over that along them, rings themselves removed."""
+    """Mean square slope of the fine texture across the rings over that along them, rings themselves removed.
+
+    A large face is looked at in every other block of 128 px both ways.
+    """
+    rows, cols = (np.arange(n) // 128 % 2 for n in value.shape)
+    if min(value.shape) >= 512:
+        valid = valid & ((rows[:, None] == 0) & (cols[None, :] == 0))
     smooth, _ = smooth_along(value, valid, orientation, 20, 8.0)
     fine = cv2.GaussianBlur(np.asarray(value, np.float32) - smooth, (0, 0), 0.7)
     gx, gy = cv2.Scharr(fine, cv2.CV_32F, 1, 0), cv2.Scharr(fine, cv2.CV_32F, 0, 1)
@@ -162,11 +168,12 @@ def find_rings(
     Rings
     """
     grain = grain_ratio(value, orientation, valid)
+    along, _ = smooth_along(value, valid, orientation, 9, 3.0)
     if vessels:
         pores = 2.0 * PORES
         bright_outwards = bool(bright_outwards)
     else:
-        pores = pore_evidence(value, orientation, np.angle(response), explained, valid)
+        pores = pore_evidence(value, along, np.angle(response), explained, valid)
         if grain > STREAKED:
             pores = min(pores, 2.0 * PORES)
     growth = find_growth(
@@ -186,14 +193,14 @@ def find_rings(
     phase = np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32)
     traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
     moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
-    kept = _believed(without_doubles(moved, frequency), strength, valid, frequency, ring_scale_px)
+    around = mean_slope(strength, valid, ring_scale_px)
+    kept = without_doubtful(believe(without_doubles(moved, frequency), strength, around, frequency))
     kept = without_faint(kept, response, strength)
     if not vessels:
         # Beside a ring of vessels the latewood's fine texture would pass for another.
         between = missed_boundaries(kept, strength, growth.direction, frequency, valid)
-        kept += _believed(between, strength, valid, frequency, ring_scale_px)
+        kept += without_doubtful(believe(between, strength, around, frequency))
     if growth.bright_outwards:
-        along, _ = smooth_along(value, valid, orientation, 9, 3.0)
         kept = _onto_latewood(kept, along, growth.direction, frequency)
     kept = kept_apart(kept, valid.shape)
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid, phase)
@@ -264,17 +271,6 @@ def _onto_latewood(
         moved.append(replace(trace, points=trace.points - step))
         sharp += int(reached.sum())
     return moved if sharp > 0.5 * sum(len(trace.points) for trace in traces) else traces
-
-
-def _believed(
-    traces: list[Trace],
-    strength: FloatArray,
-    valid: npt.NDArray[np.bool_],
-    frequency: npt.NDArray[Any],
-    ring_scale_px: float,
-) -> list[Trace]:
-    """Traces with their probabilities, the unlikely ones left out."""
-    return without_doubtful(believe(traces, strength, valid, frequency, ring_scale_px), frequency)
 
 
 def _weighted_median(values: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> float:
