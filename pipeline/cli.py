@@ -66,7 +66,7 @@ def run(
     scan: ScanOption = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="tcp://... of an existing Dask cluster, or 'threads' for this process.")
+        str | None, typer.Option(help="'local' cluster, tcp://... of an existing one, or 'threads' for this process.")
     ] = None,
     tile: Annotated[int | None, typer.Option(metavar="PX", help="Side of the tiles of large scans.")] = None,
     debug: DebugOption = False,
@@ -215,7 +215,7 @@ def series(
     scan: ScanOption = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes; default: one per core.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="tcp://... of an existing Dask cluster, or 'threads' for this process.")
+        str | None, typer.Option(help="'local' cluster, tcp://... of an existing one, or 'threads' for this process.")
     ] = None,
     debug: DebugOption = False,
 ) -> None:

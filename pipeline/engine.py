@@ -252,7 +252,7 @@ class Engine:
             work = heapq.heappop(self._waiting)
             if work.name in work.run.ended:  # another tile of it has failed
                 continue
-            is_remote = self._execution.scheduler not in ("local", "threads")
+            is_remote = self._execution.scheduler not in ("auto", "local", "threads")
             job = replace(work.job, threads=1 if is_remote else max(1, self._cores // busy))
             self._in_flight += 1
             self._counter += 1
