@@ -174,7 +174,9 @@ def evaluate(
     config: OptionalConfig = DEFAULT_CONFIG,
     labels: Annotated[Path | None, typer.Option("--labels", metavar="DIR", help="Folder with label files.")] = None,
     scan: ScanOption = None,
-    species: Annotated[bool, typer.Option("--species", help="Take a scan's folder for its species where none is said.")] = False,
+    species: Annotated[
+        bool, typer.Option("--species", help="Take a scan's folder for its species where none is said.")
+    ] = False,
     tolerance: Annotated[float, typer.Option(min=0.0, metavar="PX", help="How far from a label is a hit.")] = 3.0,
     csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE", help="Write every figure to a table.")] = None,
     json_output: JsonOption = False,

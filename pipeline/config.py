@@ -35,8 +35,8 @@ class Execution(BaseModel):
     tile: Annotated[int, Field(ge=CHUNK, multiple_of=CHUNK)] = 2 * CHUNK
     """Side of the tiles that large scans are cut into, px."""
     scheduler: str = "auto"
-    """``local`` for a cluster of its own, ``tcp://...`` for an existing one, ``threads`` for this process; ``auto`` takes
-    this process for one scan of few pixels and a cluster for anything more."""
+    """``local`` for a cluster of its own, ``tcp://...`` for an existing one, ``threads`` for this process; ``auto``
+    takes this process for one scan of few pixels and a cluster for anything more."""
 
 
 class Override(BaseModel):

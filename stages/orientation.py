@@ -6,7 +6,7 @@ import xarray as xr
 from pydantic import PositiveFloat
 
 from stages.stage import Params, like_image, place_in_array, scalar, stage
-from stages.variables import COHERENCE, ORIENTATION, FACE_PITH_X, FACE_PITH_Y, REDUCTION, RING_SCALE, VALID, VALUE
+from stages.variables import COHERENCE, FACE_PITH_X, FACE_PITH_Y, ORIENTATION, REDUCTION, RING_SCALE, VALID, VALUE
 
 
 class OrientationParams(Params):

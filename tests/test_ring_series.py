@@ -417,3 +417,13 @@ def test_series_leave_out_what_was_not_measured_at_their_ends(tmp_path: Path) ->
     assert (len(east), east.first_year, east.last_year, east.pith_years) == (8, 1993, 2000, 0)
     assert north.pith_distance_mm == pytest.approx(28.0 * SCALE, abs=0.3 * SCALE)
     assert east.pith_distance_mm == pytest.approx(0.0)
+
+
+def test_without_years_the_report_numbers_rings_as_the_boundaries_that_end_them(tmp_path: Path) -> None:
+    from pipeline.report.series_reading import drawn_series
+
+    document = document_of(strip([3, 4, 5, 7, 8, 9]), tmp_path)
+    (drawn,) = drawn_series(document)
+    assert [boundary["id"] for boundary in document["paths"][0]["boundaries"]] == [3, 4, 5, 7, 8, 9]
+    assert drawn.labels == (None, 4, 5, 7, 8, 9)
+    assert drawn.years.tolist() == [4, 5, 6, 7, 8, 9]

@@ -104,7 +104,7 @@ def test_vessels_are_seen_where_they_are_small_spots() -> None:
     # The same wood at twice and four times the resolution, by a scanner with its own noise.
     for factor in (2, 4):
         large = cv2.resize(grey("ring_porous_end", 1), None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-        found = scale_of(large + noise(large.shape, 0.05), 25.0 * factor)
+        found = scale_of(large + noise(large.shape, 0.02), 25.0 * factor)
         assert 1 <= found <= factor
         # Rings stay at least twenty px wide.
         assert scale_of(large, 39.0) in (0, 1)

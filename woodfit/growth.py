@@ -18,7 +18,6 @@ import numpy.typing as npt
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import cg
 
-
 FloatArray = npt.NDArray[np.float32]
 
 

@@ -57,7 +57,7 @@ def reduction_for(shape: tuple[int, int], ring_width_px: float) -> int:
     until a typical ring is some twenty pixels wide.
     """
     if shape[0] * shape[1] <= _SMALL_SCAN_PX:
-        return 1 if ring_width_px <= _WIDE_RING_PX else max(1, int(ring_width_px / 32.0))
+        return 1 if ring_width_px <= _WIDE_RING_PX else max(1, int(ring_width_px / 40.0))
     return max(1, int(ring_width_px / _USUAL_RING_PX))
 
 

@@ -7,6 +7,7 @@ the neighbouring rings, onto the edge where there is one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -268,7 +269,7 @@ def uneven_counts(traces: list[Trace], order: Order, pith: tuple[float, float]) 
     uneven = np.zeros(_BINS, bool)
     for direction, met in enumerate(crossed):
         indices = [index for _, index in sorted(met)]
-        uneven[direction] = any(b - a != 1 for a, b in zip(indices, indices[1:], strict=False))
+        uneven[direction] = any(b - a != 1 for a, b in pairwise(indices))
     return uneven
 
 

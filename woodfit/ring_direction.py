@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from woodfit.grids import block_mean, enlarged, grid_step
-
 from woodfit.structure_tensor import orientation
 
 FloatArray = npt.NDArray[np.float32]

@@ -22,7 +22,8 @@ def drawn_series(document: Mapping[str, Any]) -> list[DrawnSeries]:
 def _drawn(path: Mapping[str, Any], unit: str) -> DrawnSeries:
     rings, boundaries = path["rings"], path["boundaries"]
     dated = rings[0]["year"] is not None
-    numbers = np.array([ring["year"] for ring in rings]) if dated else np.arange(1, len(rings) + 1)
+    # Without years a ring has the number of the boundary that ends it, the same on every path that counting ties.
+    numbers = np.array([ring["year"] for ring in rings] if dated else np.arange(len(rings)) + boundaries[0]["id"] + 1)
     labels: list[int | None] = [None] * len(boundaries)
     for ring, number in zip(rings, numbers, strict=True):
         if ring["outer"] is not None:
