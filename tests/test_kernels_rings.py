@@ -114,10 +114,11 @@ def test_a_spiral_walk_ends_after_one_turn(pitch: float) -> None:
     assert crossings([t.points for t in traces]) == []
 
 
-def test_a_walk_that_comes_home_a_little_off_is_closed_without_an_overlap() -> None:
+@pytest.mark.parametrize("tear", [0.2, 0.3])
+def test_a_walk_that_comes_home_a_little_off_is_closed_without_an_overlap(tear: float) -> None:
     shape, center, width = (241, 241), (120.3, 119.8), 15.0
     age, outwards = round_age(shape, center, width)
-    torn = age + 0.2 * outwards / (2 * np.pi)
+    torn = age + tear * outwards / (2 * np.pi)
     traces = trace_rings(
         wrapped(2 * np.pi * torn), outwards, np.full(shape, 1 / width), np.ones(shape), wood(shape), **LIMITS
     )
@@ -474,6 +475,23 @@ def test_only_boundaries_in_focus_are_moved_onto_the_latewood(blur_px: float, in
         moved = steepest - float(np.median(t.points[:, 0]))
         assert (0.2 < moved <= 1.2) if inwards else (abs(moved) < 0.3)
     assert age.max() > 5
+
+
+@pytest.mark.parametrize(("sharp_px", "moves"), [(190, True), (60, False)])
+def test_a_scan_mostly_out_of_focus_is_left_alone_as_a_whole(sharp_px: int, moves: bool) -> None:
+    shape, width, fine = (180, 260), 36.0, 16
+    y = (np.arange(shape[0] * fine) + 0.5) / fine - 0.5
+    profile = 0.8 - 0.4 * np.mod(y / width + 0.4, 1.0) ** 2
+    clear, blurred = (gaussian_filter(profile, b * fine).reshape(-1, fine).mean(axis=1) for b in (0.6, 3.0))
+    x, _ = pixels(shape)
+    value = np.where(x < sharp_px, clear[:, None], blurred[:, None]) + noise(shape, 0.003)
+    rings = rings_of(value.astype(np.float32), width, bright_outwards=True)
+    in_focus = np.concatenate([t.points[t.points[:, 0] < sharp_px - 15] for t in rings.traces])
+    ring = np.mod(in_focus[:, 1] / width + 0.4, 1.0)
+    away = width * (ring - np.round(ring))
+    away = away[np.abs(away) < 3.0]
+    assert len(away) > 3 * (sharp_px - 15)
+    assert (float(np.median(away)) < -0.25) if moves else (abs(float(np.median(away))) < 0.25)
 
 
 @pytest.mark.parametrize("name", ["flat_sawn", "end_grain_pith", "ring_porous"])

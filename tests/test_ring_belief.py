@@ -235,6 +235,12 @@ def test_what_is_believed_less_is_right_less_often_and_about_as_often_as_said() 
     assert share[4] > max(share[:4])
 
 
+def test_on_boards_beyond_reading_belief_is_modest() -> None:
+    found = pooled([board(kind, 0.7, 7)[0] for kind in ("round", "straight")])
+    assert found.right.mean() < 0.95
+    assert -0.15 < found.belief.mean() - found.right.mean() < 0.05
+
+
 def test_lines_beside_the_boundaries_are_seldom_believed() -> None:
     found, beside = boards()
     assert np.median(found.belief) > 0.9
