@@ -197,7 +197,7 @@ def find_growth(
     ring_scale_px: float,
     bright_outwards: bool | None = None,
     pores: float = 0.0,
-    along_stem: bool = False,
+    along_stem: float = 0.0,
     pith: tuple[float, float] | None = None,
 ) -> Growth:
     """Outward direction of growth over a face.
@@ -218,8 +218,8 @@ def find_growth(
         The user's word on whether the abrupt edge brightens outwards; found when not given.
     pores : float
         From `pore_evidence`: vessels make the abrupt edge the onset of dark pores.
-    along_stem : bool
-        True on faces along the stem, where rings wave and their bends say little.
+    along_stem : float
+        1 on faces along the stem, where rings wave and their bends say little; 0 on others.
     pith : x, y in pixels, optional
         Where rings close around the pith on the face: growth is then away from it, and only the kind of wood is open.
 
@@ -237,7 +237,7 @@ def find_growth(
     lead = together / max(math.sqrt(max(apart, 0.0)), 1e-12)
     # On a face that shows both sides of the tree the edges' directions part at the pith, or meet there.
     parting = outward_flux(_expand(cells, np.sign(stepped), normal), confidence * valid, ring_scale_px)
-    vote = (0.4 if along_stem else 1.5) * lead + 2.0 * parting + float(np.clip((pores + 0.8) / 0.3, -1.2, 0.6)) + 0.1
+    vote = (1.5 - 1.1 * along_stem) * lead + 2.0 * parting + float(np.clip((pores + 0.8) / 0.3, -1.2, 0.6)) + 0.1
     # Conifer is the rule; geometry or pores must speak clearly against it.
     outwards = vote > 0.0 if bright_outwards is None else bright_outwards
     sureness = 0.5 + 0.5 * min(1.0, abs(vote) / 1.2) if bright_outwards is None else 1.0

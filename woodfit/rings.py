@@ -177,8 +177,9 @@ def find_rings(
         pores = pore_evidence(value, along, np.angle(response), explained, valid)
         if grain > STREAKED:
             pores = min(pores, 2.0 * PORES)
+    along_stem = float(np.clip((grain - 0.9) / 0.25, 0.0, 1.0))
     growth = find_growth(
-        normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, grain > 1.2, pith
+        normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, along_stem, pith
     )
     # A wave that rises through zero along the edge direction has phase -pi/2 there.
     with_growth = np.cos(growth.direction - normal) >= 0.0
