@@ -94,17 +94,20 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
         return window
 
     grey = window_of(np.asarray)
-    scale_px = params.ring_width_px or ring_scale.ring_scale((height, width), grey)
+    thick = photograph.thickness(mask) * overview_step
+    scale_px = params.ring_width_px or ring_scale.ring_scale((height, width), grey, thick_px=thick)
     pores = 0
     if params.ring_porous is not False:
         pores = vessels.vessel_scale((height, width), grey, scale_px) or int(params.ring_porous or 0)
     seen = window_of(vessels.density_signal, pores) if pores else grey
     if pores and params.ring_width_px is None:
         # Blurred twice as far: single vessels must not pass for narrow rings.
-        scale_px = ring_scale.ring_scale((height, width), window_of(vessels.density_signal, pores, 2.0))
+        scale_px = ring_scale.ring_scale(
+            (height, width), window_of(vessels.density_signal, pores, 2.0), thick_px=thick
+        )
     overview = _part(encoded, slice(None), slice(None), overview_step)
     pith = params.pith_px or _pith(photograph.grey_value(overview), mask, overview_step)
-    step = params.reduction or photograph.reduction_for((height, width), scale_px)
+    step = params.reduction or photograph.reduction_for((height, width), scale_px, float(mask.mean()))
     arrays = xr.apply_ufunc(
         photograph.develop,
         encoded.chunk(channel=-1) if encoded.chunks else encoded,
@@ -134,7 +137,7 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
             REDUCTION.name: REDUCTION.array(np.int64(step)),
             RING_SCALE.name: RING_SCALE.array(np.float64(scale_px)),
             STRAIGHT_RUN.name: STRAIGHT_RUN.array(
-                np.float64(ring_direction.straight_run((height, width), seen, scale_px, step))
+                np.float64(ring_direction.straight_run((height, width), seen, scale_px, step, thick_px=thick))
             ),
             FACE_PITH_X.name: FACE_PITH_X.array(np.float64(pith[0])),
             FACE_PITH_Y.name: FACE_PITH_Y.array(np.float64(pith[1])),

@@ -18,6 +18,8 @@ import numpy.typing as npt
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import cg
 
+from woodfit.photograph import thickness
+
 FloatArray = npt.NDArray[np.float32]
 
 
@@ -237,7 +239,8 @@ def find_growth(
     lead = together / max(math.sqrt(max(apart, 0.0)), 1e-12)
     # On a face that shows both sides of the tree the edges' directions part at the pith, or meet there.
     parting = outward_flux(_expand(cells, np.sign(stepped), normal), confidence * valid, ring_scale_px)
-    vote = (1.5 - 1.1 * along_stem) * lead + 2.0 * parting + float(np.clip((pores + 0.8) / 0.3, -1.2, 0.6)) + 0.1
+    bends = (1.5 - 1.1 * along_stem) * _turn(cells, valid, ring_scale_px) * lead
+    vote = bends + 2.0 * parting + float(np.clip((pores + 0.8) / 0.3, -1.2, 0.6)) + 0.1
     # Conifer is the rule; geometry or pores must speak clearly against it.
     outwards = vote > 0.0 if bright_outwards is None else bright_outwards
     sureness = 0.5 + 0.5 * min(1.0, abs(vote) / 1.2) if bright_outwards is None else 1.0
@@ -267,6 +270,15 @@ def _around(
     bright = vote > 0.0 if bright_outwards is None else bright_outwards
     sureness = 1.0 if bright_outwards is not None else 0.5 + 0.5 * min(1.0, abs(vote) / 0.5)
     return Growth(direction, bright, sureness, outward_flux(direction, confidence, ring_scale_px))
+
+
+def _turn(cells: _Cells, valid: npt.NDArray[np.bool_], ring_scale_px: float) -> float:
+    """How far bends can be believed, 0..1: over the width of a core rings hardly turn, and what is left is noise."""
+    # A ring is as long as the wood is thick.
+    thick = thickness(valid)
+    # Evidence is the tanh of three times the turn per cell.
+    per_cell = float(np.abs(cells.convexity).sum()) / (3.0 * float(cells.strength.sum()))
+    return min(1.0, per_cell * thick / max(1, round(0.5 * ring_scale_px)) / 0.15)
 
 
 def _expand(cells: _Cells, spin: npt.NDArray[Any], normal: npt.NDArray[Any]) -> FloatArray:

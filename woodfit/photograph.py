@@ -50,13 +50,13 @@ def develop(
     return srgb_decode(encoded), grey_value(encoded), np.asarray(opaque)
 
 
-def reduction_for(shape: tuple[int, int], ring_width_px: float) -> int:
+def reduction_for(shape: tuple[int, int], ring_width_px: float, wood_share: float = 1.0) -> int:
     """Scan pixels per analysed pixel along each axis.
 
     Small scans keep their pixels unless their rings are wider than the curved region serves; large ones are reduced
     until a typical ring is some twenty pixels wide.
     """
-    if shape[0] * shape[1] <= _SMALL_SCAN_PX:
+    if shape[0] * shape[1] * wood_share <= _SMALL_SCAN_PX:
         return 1 if ring_width_px <= _WIDE_RING_PX else max(1, int(ring_width_px / 40.0))
     return max(1, int(ring_width_px / _USUAL_RING_PX))
 
@@ -66,8 +66,9 @@ def wood_mask(
 ) -> npt.NDArray[np.bool_]:
     """Where there is wood rather than background, on an overview of a scan.
 
-    Background is what is colorless and nearly white, or nearly black, and reaches the edge of the scan; small islands
-    of it inside the wood (cracks, filler) stay wood here and are left to the confidence of the phase.
+    Background is what is colorless and nearly white, or nearly black, or of the one color that a whole side of the scan
+    has and its middle has not, and reaches the edge of the scan; small islands of it inside the wood (cracks, filler)
+    stay wood here and are left to the confidence of the phase.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def wood_mask(
     pixels = encoded.astype(np.float32) / np.iinfo(encoded.dtype).max
     brightest, darkest = pixels.max(axis=-1), pixels.min(axis=-1)
     colorless = brightest - darkest < 0.10 * np.maximum(brightest, 0.1)
-    candidates = [(darkest > white) & colorless, brightest < black, ~opaque]
+    candidates = [(darkest > white) & colorless, brightest < black, ~opaque, *_plain_sides(pixels)]
     background = np.zeros(opaque.shape, bool)
     for candidate in candidates:
         closed = cv2.morphologyEx(candidate.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
@@ -101,6 +102,28 @@ def wood_mask(
         return np.ones(opaque.shape, bool)
     # The rim of the background is blurred wood.
     return np.asarray(cv2.dilate(background.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
+
+
+def _plain_sides(pixels: FloatArray, spread: float = 0.05, unlike: float = 0.2) -> list[npt.NDArray[np.bool_]]:
+    """Pixels colored like a side of the scan, for each side that is of one color and unlike the scan's middle."""
+    height, width = pixels.shape[:2]
+    middle = np.median(pixels[height // 4 : -(height // 4) or None, width // 4 : -(width // 4) or None], axis=(0, 1))
+    found = []
+    for side in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
+        color = np.median(side, axis=(0, 1))
+        even = (np.abs(side - color) < spread).all(axis=-1).mean()
+        if even > 0.9 and np.abs(color - middle).max() > unlike:
+            away = np.abs(pixels - color).max(axis=-1)
+            alike = away < 1.2 * spread
+            # Wood may have the color here and there, but not all around.
+            plain = (alike & (cv2.blur(away, (15, 15)) < 0.6 * spread)).astype(np.uint8)
+            found.append(alike & (cv2.dilate(plain, np.ones((17, 17), np.uint8)) > 0))
+    return found
+
+
+def thickness(mask: npt.NDArray[np.bool_]) -> float:
+    """Diameter in pixels of the largest disk that fits into a mask."""
+    return 2.0 * float(cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 5).max())
 
 
 def mask_window(

@@ -120,6 +120,7 @@ def straight_run(
     ring_scale_px: float,
     step: int,
     window_px: int = 384,
+    thick_px: float | None = None,
 ) -> float:
     """How far rings may be followed before their bends matter, from windows of a scan.
 
@@ -135,12 +136,14 @@ def straight_run(
         Scan px per analysed px.
     window_px : int
         Side of a window, analysed px.
+    thick_px : float, optional
+        How thick the wood is at its thickest, in scan px, where it does not fill the scan.
 
     Returns
     -------
     float
         In scan px: a twelfth of the radius that nine tenths of the contours exceed, over which a circle leaves its
-        tangent by less than a third of a hundredth of that radius; at most a quarter of the scan's shorter side.
+        tangent by less than a third of a hundredth of that radius; at most a quarter of the wood's thickness.
     """
     height, width = shape
     ring = ring_scale_px / step
@@ -154,7 +157,7 @@ def straight_run(
             angle, coherence = orientation(value, valid, max(0.8, 0.12 * ring), max(3.0, 0.8 * ring))
             bends.append(curvature(angle, 0.3 * ring).ravel())
             weights.append((coherence * coherence * valid).ravel())
-    shorter = 0.25 * min(height, width)
+    shorter = 0.25 * (min(height, width) if thick_px is None else thick_px)
     if not bends:
         return float(shorter)
     bend, weight = np.concatenate(bends), np.concatenate(weights)

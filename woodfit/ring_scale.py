@@ -53,6 +53,7 @@ def ring_scale(
     shape: tuple[int, int],
     window: Callable[[int, int, int, int, int], tuple[FloatArray, npt.NDArray[np.bool_]]],
     window_px: int = 320,
+    thick_px: float | None = None,
 ) -> float:
     """Characteristic ring width of a scan, from windows of a pyramid.
 
@@ -65,6 +66,8 @@ def ring_scale(
         by `step` by averaging; so that a gigapixel scan is never read whole.
     window_px : int
         Side of a window at its own level of the pyramid.
+    thick_px : float, optional
+        How thick the wood is at its thickest, where it does not fill the scan.
 
     Returns
     -------
@@ -73,8 +76,9 @@ def ring_scale(
     """
     height, width = shape
     candidates: list[tuple[float, float]] = []
+    shorter = min(height, width) if thick_px is None else min(height, width, thick_px)
     step = 1
-    while min(height, width) / step >= 10 and max(height, width) / step >= 48:
+    while shorter / step >= 10 and max(height, width) / step >= 48:
         side = window_px * step
         scores = []
         for row in _starts(height, side):
@@ -86,7 +90,7 @@ def ring_scale(
             score = np.average([s for s, _ in scores], axis=0, weights=[w for _, w in scores])
             longest = max(height, width) / 5.0
             # On a strip only a few pixels high nothing tells a ring from shading.
-            score = score * min(1.0, min(height, width) / (20.0 * step))
+            score = score * min(1.0, shorter / (20.0 * step))
             candidates += [
                 (float(s), float(w * step)) for s, w in zip(score, WAVELENGTHS_PX, strict=True) if w * step < longest
             ]

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from woodfit.photograph import thickness
+
 FloatArray = npt.NDArray[np.float32]
 
 
@@ -190,6 +192,8 @@ def trace_rings(
     order = np.lexsort((cols, rows, -np.round(confidence[rows, cols], 3)))
     traces: list[Trace] = []
     limit = 8 * (height + width)
+    # A boundary across a core is no longer than the core is thick, whatever lies around it.
+    thick = thickness(valid)
     for row, col in zip(rows[order].tolist(), cols[order].tolist(), strict=True):
         if owner[row, col]:
             continue
@@ -210,7 +214,7 @@ def trace_rings(
         if not closed and turned > 5.5:
             path, closed = _close(path, 0.35 / f)
         # What closes within half a ring goes round the pith itself, or a speck.
-        if len(path) < (np.pi / f if closed else min(shortest_rings / f, 0.6 * min(height, width))):
+        if len(path) < (np.pi / f if closed else min(shortest_rings / f, 0.6 * thick)):
             _mark(owner, x, y, 0.3 / f, -1)
             continue
         for px, py, _ in path:
