@@ -105,6 +105,28 @@ def _meet(
     return 0, cycles, way, reversed_growth
 
 
+@njit(cache=True)
+def _meet_outwards(
+    labels: npt.NDArray[np.int32],
+    grow_x: npt.NDArray[np.float32],
+    grow_y: npt.NDArray[np.float32],
+    frequency: npt.NDArray[np.float32],
+    phase: npt.NDArray[np.float32],
+    valid: npt.NDArray[np.bool_],
+    points: npt.NDArray[np.float64],
+    own: int,
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:  # pragma: no cover - compiled
+    """Boundary met outwards from each point (K, 2), 0 for none, and the way there."""
+    met = np.zeros(len(points), np.int64)
+    way = np.zeros(len(points), np.float64)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        number, _, passed, turned = _meet(labels, grow_x, grow_y, frequency, phase, valid, x, y, own, 1.0, 3.0)
+        if number > 0 and not turned:
+            met[i], way[i] = number, passed
+    return met, way
+
+
 def draw_labels(
     polylines: Sequence[npt.NDArray[np.float64]], closed: Sequence[bool], shape: tuple[int, ...]
 ) -> npt.NDArray[np.int32]:
@@ -129,11 +151,7 @@ def distance_outwards(
     freq = np.ascontiguousarray(frequency, np.float32)
     unknown = np.full(labels.shape, _UNKNOWN, np.float32)
     top = np.array([labels.shape[1] - 1, labels.shape[0] - 1])
-    met, way = np.zeros(len(points), np.int64), np.zeros(len(points))
-    for i, (x, y) in enumerate(np.clip(points, 0, top)):
-        number, _, passed, turned = _meet(labels, grow_x, grow_y, freq, unknown, valid, x, y, own, 1.0, 3.0)
-        met[i], way[i] = (0, 0.0) if turned else (number, passed)
-    return met, way
+    return _meet_outwards(labels, grow_x, grow_y, freq, unknown, valid, np.clip(points, 0, top), own)
 
 
 def _votes(
