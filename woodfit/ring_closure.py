@@ -71,13 +71,17 @@ def close_rings(
     new: list[tuple[Trace, int]] = []
     # The most complete rings first: they guide the others.
     for index in sorted(rings, key=lambda k: (int(np.isnan(rings[k].radius).sum()), k)):
+        if gone.intersection(rings[index].members):
+            rings[index] = _ring_of([i for i in rings[index].members if i not in gone], traces, np.asarray(pith))
         ring = rings[index]
         if len(ring.members) == 1 and traces[ring.members[0]].closed:
             continue
         bridge = _bridged(ring, rings.get(index - 1), rings.get(index + 1), widest_gap_rad)
         if bridge is None:
             continue
-        in_the_way = _in_the_way(bridge, np.isnan(ring.radius), traces, order, index, gone, np.asarray(pith), frequency)
+        others = {i: trace for i, trace in enumerate(traces) if i not in gone and i not in ring.members}
+        others |= {len(traces) + number: trace for number, (trace, _) in enumerate(new)}
+        in_the_way = _in_the_way(bridge, np.isnan(ring.radius), others, np.asarray(pith), frequency)
         if in_the_way is None:
             continue
         joined = _joined(ring, bridge, traces, np.asarray(pith), strength, frequency, valid)
@@ -106,7 +110,7 @@ def _polar(points: FloatArray, pith: FloatArray) -> tuple[FloatArray, FloatArray
 
 def _radii(trace: Trace, pith: FloatArray) -> FloatArray | None:
     """Radius by direction, shape (`_BINS`,); None for a line that does not go round the pith one way."""
-    theta, radius = _polar(trace.points, pith)
+    theta, radius = _polar(_round(trace), pith)
     if len(theta) < 4 or abs(theta[-1] - theta[0]) < 0.8 * np.abs(np.diff(theta)).sum():
         return None
     if theta[-1] < theta[0]:
@@ -117,7 +121,12 @@ def _radii(trace: Trace, pith: FloatArray) -> FloatArray | None:
         return None
     found = np.full(_BINS, np.nan)
     found[grid.astype(int) % _BINS] = np.interp(grid * _step(), theta, radius)
-    return np.full(_BINS, radius.mean()) if trace.closed and not len(grid) else found
+    return found
+
+
+def _round(trace: Trace) -> FloatArray:
+    """Points of a trace; of a closed one with the first repeated at the end."""
+    return np.concatenate([trace.points, trace.points[:1]]) if trace.closed else trace.points
 
 
 def _step() -> float:
@@ -143,6 +152,15 @@ def _by_index(traces: list[Trace], order: Order, pith: FloatArray) -> dict[int, 
     return rings
 
 
+def _ring_of(members: list[int], traces: list[Trace], pith: FloatArray) -> _Ring:
+    """The ring that is left of some pieces of one."""
+    ring = _Ring(members, np.full(_BINS, np.nan))
+    for radius in (_radii(traces[i], pith) for i in members):
+        if radius is not None:
+            ring.radius = np.where(np.isfinite(ring.radius), ring.radius, radius)
+    return ring
+
+
 def _bridged(ring: _Ring, inner: _Ring | None, outer: _Ring | None, widest_rad: float) -> FloatArray | None:
     """Radius in all directions, along the neighbours where they are known; None where a gap is too wide."""
     known = np.flatnonzero(np.isfinite(ring.radius))
@@ -166,18 +184,13 @@ def _bridged(ring: _Ring, inner: _Ring | None, outer: _Ring | None, widest_rad: 
 def _in_the_way(
     bridge: FloatArray,
     gap: npt.NDArray[np.bool_],
-    traces: list[Trace],
-    order: Order,
-    index: int,
-    gone: set[int],
+    others: dict[int, Trace],
     pith: FloatArray,
     frequency: npt.NDArray[Any],
 ) -> set[int] | None:
     """Doubtful lines that a bridge would meet; None when it would meet one that is not doubtful."""
     met = set()
-    for i, trace in enumerate(traces):
-        if i in gone or (order.group[i] == 0 and order.index[i] == index):
-            continue
+    for i, trace in others.items():
         theta, radius = _polar(trace.points, pith)
         column = np.round(theta / _step()).astype(int) % _BINS
         cols = np.clip(np.round(trace.points[:, 0]).astype(int), 0, frequency.shape[1] - 1)
@@ -210,11 +223,15 @@ def _joined(
     pieces.sort(key=lambda piece: piece[0])
     parts: list[Trace] = []
     for number, (start, sweep, trace) in enumerate(pieces):
-        parts.append(trace)
         following = pieces[(number + 1) % len(pieces)][0]
         gap = (following - (start + sweep)) % (2.0 * np.pi)
         if gap > 6.0:
+            # They overlap a little: the line must not turn back.
+            theta, _ = _polar(trace.points, pith)
+            ahead = theta - theta[0] < sweep + gap - 2.0 * np.pi
+            parts.append(Trace(trace.points[ahead], trace.confidence[ahead], False))
             continue
+        parts.append(trace)
         over = _bridge(start + sweep, gap, bridge, pith, strength, frequency)
         cols, rows = (np.round(over.points[:, k]).astype(int) for k in (0, 1))
         inside = (cols >= 0) & (rows >= 0) & (cols < valid.shape[1]) & (rows < valid.shape[0])
@@ -261,11 +278,12 @@ def uneven_counts(traces: list[Trace], order: Order, pith: tuple[float, float]) 
     for i, trace in enumerate(traces):
         if order.group[i] != 0:
             continue
-        points = np.concatenate([trace.points, trace.points[:1]]) if trace.closed else trace.points
-        theta, radius = _polar(points, np.asarray(pith))
+        theta, radius = _polar(_round(trace), np.asarray(pith))
         place = np.floor(theta / _step()).astype(int)
         for j in np.flatnonzero(np.diff(place) != 0):
-            crossed[max(place[j], place[j + 1]) % _BINS].append((float(radius[j]), int(order.index[i])))
+            # Near the pith one step passes several directions.
+            for direction in range(min(place[j], place[j + 1]) + 1, max(place[j], place[j + 1]) + 1):
+                crossed[direction % _BINS].append((float(radius[j]), int(order.index[i])))
     uneven = np.zeros(_BINS, bool)
     for direction, met in enumerate(crossed):
         indices = [index for _, index in sorted(met)]
