@@ -176,6 +176,7 @@ def _neighbourhood(function: Any, array: xr.DataArray, margin: int, **named: Any
         data = da.map_overlap(
             function, array.data, depth=margin, boundary="none", dtype=np.float32, meta=np.zeros((0, 0), "f4"), **named
         )
+        data = data.rechunk(array.data.chunks)
     else:
         data = function(array.values, **named)
     return array.copy(data=data)

@@ -13,8 +13,10 @@ from woodfit.photograph import (
     reduction_for,
     srgb_decode,
     srgb_encode,
+    thickness,
     wood_mask,
 )
+from woodfit.synthetic_scenes import SCENE_NAMES, scene
 
 SHAPE = (120, 150)
 WOOD = np.array([190, 140, 90], np.uint8)
@@ -147,6 +149,80 @@ def test_the_mask_leaves_its_input_alone() -> None:
     before = encoded.copy()
     found_in(encoded)
     npt.assert_array_equal(encoded, before)
+
+
+def on_mount(
+    strip: NDArray[np.uint8], color: tuple[int, int, int], sigma: float
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """A strip on a mount of one color with some noise, and where the strip lies."""
+    place = np.pad(np.ones(strip.shape[:2], bool), ((40, 30), (50, 25)))
+    mount = np.random.default_rng(0).normal(color, sigma, (*place.shape, 3)).clip(0, 255).round().astype(np.uint8)
+    mount[place] = strip.reshape(-1, 3)
+    return mount, place
+
+
+MOUNTS = {
+    "white": ((250, 250, 250), 1.0),
+    "black": ((6, 6, 6), 1.0),
+    "grey": ((128, 128, 128), 1.0),
+    "blue felt": ((40, 60, 140), 2.0),
+    "brown": ((95, 60, 35), 2.0),
+}
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("turns", [0, 1])
+def test_a_core_is_told_from_a_mount_of_one_color(mount: str, turns: int) -> None:
+    encoded, place = on_mount(np.rot90(scene("core", (300, 320)).face.rgb_encoded, turns), *MOUNTS[mount])
+    found = wood_mask(encoded, np.ones(place.shape, bool), 0.92, 0.06)
+    assert not found[~place].any()
+    # Its rim is given up: three pixels, no more.
+    rows, cols = np.flatnonzero(place.any(axis=1)), np.flatnonzero(place.any(axis=0))
+    assert found[rows[3] : rows[-3], cols[3] : cols[-3]].all()
+
+
+@pytest.mark.parametrize("name", SCENE_NAMES)
+def test_a_face_without_background_is_wood_everywhere(name: str) -> None:
+    encoded = scene(name, (300, 320)).face.rgb_encoded
+    assert wood_mask(encoded, np.ones(encoded.shape[:2], bool), 0.92, 0.06).all()
+
+
+@pytest.mark.parametrize(("side", "wood"), [((185, 140, 95), True), ((90, 60, 120), False)])
+def test_an_even_side_is_wood_if_it_is_colored_like_the_middle(side: tuple[int, int, int], wood: bool) -> None:
+    encoded = picture(np.ones(SHAPE, bool), 0)
+    encoded[:, :20] = side
+    found = found_in(encoded)
+    assert (found[:, :20] == wood).all()
+    assert found[:, 24:].all()
+
+
+def test_a_side_of_many_colors_is_wood_however_dark() -> None:
+    encoded = picture(np.ones(SHAPE, bool), 0)
+    encoded[:, :20] //= 3
+    encoded[::2, :20] += 40
+    assert found_in(encoded).all()
+
+
+def test_wood_colored_like_its_mount_here_and_there_stays_wood() -> None:
+    strip = picture(np.ones(SHAPE, bool), 0)
+    # Bark-colored latewood, four pixels wide, along and across.
+    strip[:, 40:44] = strip[60:64] = (95, 60, 35)
+    encoded, place = on_mount(strip, (95, 60, 35), 2.0)
+    found = wood_mask(encoded, np.ones(place.shape, bool), 0.92, 0.06)
+    assert not found[~place].any()
+    assert found[60:-50, 70:-45].all()
+
+
+def test_thickness_is_that_of_the_largest_disk() -> None:
+    strip = np.zeros(SHAPE, bool)
+    strip[30:61] = True
+    assert thickness(strip) == pytest.approx(32.0, abs=1.0)
+    assert thickness(strip.T) == thickness(strip)
+    assert thickness(disc(45.0)) == pytest.approx(90.0, abs=3.0)
+    assert thickness(disc(45.0) | strip) == pytest.approx(90.0, abs=3.0)
+    # The picture's edge bounds wood that fills it.
+    assert thickness(np.ones(SHAPE, bool)) == pytest.approx(SHAPE[0], abs=2.0)
+    assert thickness(np.zeros(SHAPE, bool)) == 0.0
 
 
 @pytest.mark.parametrize("ring", [4.0, 20.0, 64.0])

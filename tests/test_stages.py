@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from kernel_scenes import Array, wrapped
 from pydantic import ValidationError
 from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 from stages import STAGES
 from stages.color_map import ColorMapParams, color_map
@@ -42,7 +43,7 @@ from stages.stage import (
     stage,
 )
 from stages.variables import FACE_PITH_X, FACE_PITH_Y, VESSEL_SCALE
-from woodfit import SolidTexture, photograph, vessels
+from woodfit import SolidTexture, photograph, ring_direction, ring_scale, vessels
 from woodfit.color_strip import psnr_blurred
 from woodfit.synthetic_scenes import Scene, scene
 
@@ -431,6 +432,117 @@ def test_a_place_in_the_scan_is_found_in_the_array(step: int, x: float, y: float
     npt.assert_allclose(np.array(place) * step + first, (x, y), atol=1e-9)
     half = ds.assign({FACE_PITH_Y.name: FACE_PITH_Y.array(np.float64(np.nan))})
     assert place_in_array(half, FACE_PITH_X, FACE_PITH_Y) is None
+
+
+def circles(radius: float, side: int = 300, ring_px: float = 16.0) -> Array:
+    """Rings that go through the middle of the picture at a radius; infinite for straight ones."""
+    y, x = np.mgrid[:side, :side] - 0.5 * (side - 1)
+    away = x if np.isinf(radius) else np.hypot(x + radius, y)
+    return np.asarray(0.5 + 0.3 * np.cos(2 * np.pi * away / ring_px), np.float32)
+
+
+def run_of(value: Array, ring_px: float = 16.0, step: int = 1, thick_px: float | None = None) -> float:
+    """`straight_run` of a picture that is wood all over."""
+
+    def window(row: int, col: int, rows: int, cols: int, step: int) -> tuple[Array, Array]:
+        part = ring_scale.reduce_by(value[row : row + rows, col : col + cols], step)
+        return part, np.ones(part.shape, bool)
+
+    return ring_direction.straight_run(value.shape, window, ring_px, step, thick_px=thick_px)
+
+
+def test_rings_may_be_followed_a_part_of_their_radius() -> None:
+    runs = {radius: run_of(circles(radius)) for radius in (200.0, 400.0, 800.0, np.inf)}
+    for radius in (200.0, 400.0, 800.0):
+        assert 0.04 * radius < runs[radius] < 0.09 * radius
+    # Straight rings: a quarter of the wood's thickness.
+    assert runs[200.0] < runs[400.0] < runs[800.0] < runs[np.inf] == 0.25 * 300
+    assert run_of(circles(np.inf), thick_px=80.0) == 20.0
+    assert run_of(circles(200.0), thick_px=80.0) == runs[200.0]
+
+
+@pytest.mark.parametrize("radius", [200.0, 600.0])
+def test_the_straight_run_scales_with_the_picture(radius: float) -> None:
+    value = circles(radius)
+    twice = np.kron(value, np.ones((2, 2), np.float32))
+    assert run_of(twice, ring_px=32.0, step=2) == pytest.approx(2.0 * run_of(value), rel=1e-3)
+    assert run_of(value.T) == pytest.approx(run_of(value), rel=0.01)
+
+
+def test_where_there_is_no_wood_the_straight_run_is_bounded_all_the_same() -> None:
+    def window(row: int, col: int, rows: int, cols: int, step: int) -> tuple[Array, Array]:
+        return np.zeros((rows, cols), np.float32), np.zeros((rows, cols), bool)
+
+    assert ring_direction.straight_run((200, 300), window, 16.0, 1) == 50.0
+
+
+# --- wood on a mount -------------------------------------------------------------------------------------------------
+
+MOUNTS = {"white": ((250, 250, 250), 1.0), "black": ((6, 6, 6), 1.0), "blue": ((40, 60, 140), 2.0)}
+MARGIN = 40
+
+
+def mounted(encoded: Array, mount: str) -> Array:
+    """A scan laid on a mount of one color with some noise, `MARGIN` px wide all round."""
+    color, sigma = MOUNTS[mount]
+    height, width = encoded.shape[:2]
+    shape = (height + 2 * MARGIN, width + 2 * MARGIN, 3)
+    laid = np.random.default_rng(0).normal(color, sigma, shape).clip(0, 255).round().astype(np.uint8)
+    laid[MARGIN:-MARGIN, MARGIN:-MARGIN] = encoded
+    return laid
+
+
+def traced(encoded: Array) -> xr.Dataset:
+    """All variables after ring tracing."""
+    ds = source(encoded)
+    for one in (scan, orientation, curved_gabor, ring_tracing):
+        ds = added(ds, one(ds, one.params_type()))
+    return ds
+
+
+@cache
+def core() -> tuple[Scene, xr.Dataset]:
+    found = scene("core", SIZE, 0)
+    return found, traced(found.face.rgb_encoded)
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_a_core_on_a_mount_has_the_rings_of_the_core(mount: str) -> None:
+    bare, alone = core()
+    ds = traced(mounted(bare.face.rgb_encoded, mount))
+    height, width = bare.face.age.shape
+    points = [
+        np.stack([d["ring_x"], d["ring_y"]], axis=1) - margin for d, margin in ((alone, 0.0), (ds, float(MARGIN)))
+    ]
+    index = [np.repeat(d["ring_index"].values, d["vertex_count"].values) for d in (alone, ds)]
+    # The rim of the core may be lost with its mount.
+    inside = [((p > 6.0) & (p < np.array([width, height]) - 7.0)).all(axis=1) for p in points]
+    for one, other in ((0, 1), (1, 0)):
+        assert inside[one].sum() > 1500
+        distance, nearest = cKDTree(points[other]).query(points[one][inside[one]])
+        assert (distance < 2.0).mean() > 0.95
+        # The numbers may begin elsewhere, but run alike.
+        shift = index[other][nearest] - index[one][inside[one]]
+        assert (shift == np.median(shift)).mean() > 0.95
+    assert bool(ds["bright_outwards"]) == bool(alone["bright_outwards"])
+    assert float(ds["ring_scale"]) == pytest.approx(float(alone["ring_scale"]), rel=0.05)
+    age = map_coordinates(bare.face.age.astype(float), points[1][inside[1]].T[::-1], order=1, mode="nearest")
+    assert np.percentile(np.abs(age - np.round(age)), 90) < 0.1
+
+
+def arches(shape: tuple[int, int], radius: float, outwards: bool) -> Array:
+    """Rings that arch about a point on the right, with edges that brighten away from it or towards it."""
+    y, x = np.mgrid[: shape[0], : shape[1]] - 0.5 * (np.array(shape)[:, None, None] - 1)
+    age = np.hypot(x - radius, y) / (16.0 if outwards else -16.0)
+    value = 0.8 - 0.35 * (age % 1.0) ** 2 + np.random.default_rng(0).normal(0.0, 0.02, shape)
+    return np.asarray((255 * np.clip(value[..., None] * (0.95, 0.75, 0.55), 0, 1)).round(), np.uint8)
+
+
+@pytest.mark.parametrize("outwards", [True, False])
+def test_bends_say_the_kind_of_wood_only_where_rings_turn_within_it(outwards: bool) -> None:
+    # Over the width of a core they turn by two degrees: it is a conifer's, however they bend.
+    assert bool(traced(mounted(arches((64, 640), 1500.0, outwards), "blue"))["bright_outwards"])
+    assert bool(traced(mounted(arches(SIZE, 250.0, outwards), "blue"))["bright_outwards"]) == outwards
 
 
 # --- wood with vessels -----------------------------------------------------------------------------------------------

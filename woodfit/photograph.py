@@ -83,7 +83,7 @@ def wood_mask(
     -------
     bool array of shape (M, N)
     """
-    pixels = encoded.astype(np.float32) / np.iinfo(encoded.dtype).max
+    pixels = encoded.astype(np.float32) / np.float32(np.iinfo(encoded.dtype).max)
     brightest, darkest = pixels.max(axis=-1), pixels.min(axis=-1)
     colorless = brightest - darkest < 0.10 * np.maximum(brightest, 0.1)
     candidates = [(darkest > white) & colorless, brightest < black, ~opaque, *_plain_sides(pixels)]

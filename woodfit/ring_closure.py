@@ -71,9 +71,10 @@ def close_rings(
     new: list[tuple[Trace, int]] = []
     # The most complete rings first: they guide the others.
     for index in sorted(rings, key=lambda k: (int(np.isnan(rings[k].radius).sum()), k)):
-        if gone.intersection(rings[index].members):
-            rings[index] = _ring_of([i for i in rings[index].members if i not in gone], traces, np.asarray(pith))
         ring = rings[index]
+        if gone.intersection(ring.members):
+            left = [i for i in ring.members if i not in gone]
+            ring = rings[index] = _ring_of(left, traces, np.asarray(pith)) or ring
         if len(ring.members) == 1 and traces[ring.members[0]].closed:
             continue
         bridge = _bridged(ring, rings.get(index - 1), rings.get(index + 1), widest_gap_rad)
@@ -135,29 +136,20 @@ def _step() -> float:
 
 def _by_index(traces: list[Trace], order: Order, pith: FloatArray) -> dict[int, _Ring]:
     """Rings of the largest group whose pieces do not overlap."""
-    rings: dict[int, _Ring] = {}
-    spoilt: set[int] = set()
-    for i, trace in enumerate(traces):
-        index = int(order.index[i])
-        if order.group[i] != 0 or index in spoilt:
-            continue
-        radius = _radii(trace, pith)
-        ring = rings.setdefault(index, _Ring([], np.full(_BINS, np.nan)))
-        if radius is None or (np.isfinite(radius) & np.isfinite(ring.radius)).sum() > 4:
-            spoilt.add(index)
-            del rings[index]
-            continue
-        ring.members.append(i)
-        ring.radius = np.where(np.isfinite(ring.radius), ring.radius, radius)
-    return rings
+    members: dict[int, list[int]] = {}
+    for i in np.flatnonzero(order.group == 0).tolist():
+        members.setdefault(int(order.index[i]), []).append(i)
+    found = {index: _ring_of(pieces, traces, pith) for index, pieces in members.items()}
+    return {index: ring for index, ring in found.items() if ring is not None}
 
 
-def _ring_of(members: list[int], traces: list[Trace], pith: FloatArray) -> _Ring:
-    """The ring that is left of some pieces of one."""
+def _ring_of(members: list[int], traces: list[Trace], pith: FloatArray) -> _Ring | None:
+    """The ring of some pieces; None where one does not go round the pith or they overlap."""
     ring = _Ring(members, np.full(_BINS, np.nan))
     for radius in (_radii(traces[i], pith) for i in members):
-        if radius is not None:
-            ring.radius = np.where(np.isfinite(ring.radius), ring.radius, radius)
+        if radius is None or (np.isfinite(radius) & np.isfinite(ring.radius)).sum() > 4:
+            return None
+        ring.radius = np.where(np.isfinite(ring.radius), ring.radius, radius)
     return ring
 
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from woodfit.grids import block_mean, enlarged
 from woodfit.streamlines import smooth_along
 from woodfit.structure_tensor import orientation
 
@@ -22,6 +23,9 @@ FloatArray = npt.NDArray[np.float32]
 #: Fine texture whose darkest hundredth lies this much farther out than its brightest comes from vessels. Measured on
 #: nineteen scans: 1.26 and above for the ring-porous ones, 1.13 and below for all others.
 VESSELS = 1.24
+
+#: Disk that vessels do not fill, and blur of what they leave, at the reduction at which they are small spots.
+_RADIUS_PX, _BLUR_PX = 3, 2.0
 
 
 def vessel_evidence(value: FloatArray, valid: npt.NDArray[np.bool_]) -> float:
@@ -103,18 +107,13 @@ def density_signal(value: npt.NDArray[Any], scale: int, coarser: float = 1.0) ->
     -------
     float32 array of shape (M, N)
     """
-    radius = _radius(scale)
-    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-    spots = cv2.morphologyEx(np.asarray(value, np.float32), cv2.MORPH_BLACKHAT, disk, borderType=cv2.BORDER_REPLICATE)
-    sigma = 0.66 * radius * coarser
-    blurred = cv2.GaussianBlur(spots, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101)
-    return np.asarray(1.0 - 4.0 * blurred, np.float32)
+    reduced = block_mean(np.asarray(value, np.float32), scale)
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * _RADIUS_PX + 1, 2 * _RADIUS_PX + 1))
+    spots = cv2.morphologyEx(reduced, cv2.MORPH_BLACKHAT, disk, borderType=cv2.BORDER_REPLICATE)
+    blurred = cv2.GaussianBlur(spots, (0, 0), _BLUR_PX * coarser, borderType=cv2.BORDER_REFLECT_101)
+    return enlarged(np.asarray(1.0 - 4.0 * blurred, np.float32), scale, np.shape(value))
 
 
 def density_halo(scale: int) -> int:
-    """Margin in pixels beyond which nothing influences `density_signal`."""
-    return 2 * _radius(scale) + int(4 * 0.66 * _radius(scale)) + 2
-
-
-def _radius(scale: int) -> int:
-    return 2 * scale + 1
+    """Margin in pixels beyond which nothing influences `density_signal`: whole blocks."""
+    return scale * (2 * _RADIUS_PX + int(4 * _BLUR_PX) + 4)
