@@ -170,6 +170,7 @@ def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:
             "figures": {
                 RING_COUNT_FIGURE: len(np.unique(np.stack([found.order.group, found.order.index]), axis=1).T),
                 "polylines": len(found.traces),
+                "doubtful polylines (confidence under 0.9)": int((rings.ring_confidence(found) < 0.9).sum()),
                 **corrected.figures,
                 "growth sureness": round(found.growth.sureness, 2),
                 "wood": "brightens outwards (conifer-like)"

@@ -17,8 +17,8 @@ from stages.variables import RING_CLOSED, RING_CONFIDENCE, RING_GROUP, RING_INDE
 
 Array = npt.NDArray[Any]
 
-#: Below this confidence a ring is drawn dashed.
-UNSURE = 0.5
+#: Below this confidence a ring is drawn dashed: one in a hundred above it is no ring, about one in four below.
+UNSURE = 0.9
 
 _WIDE_PX, _NARROW_PX, _THUMB_PX = 1040.0, 340.0, 360
 
