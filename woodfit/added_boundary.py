@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from woodfit.boundary import edge_offsets
+from woodfit.grids import nearest
 from woodfit.ring_order import distance_outwards, draw_labels
 from woodfit.tracing import Trace
 
@@ -232,10 +233,3 @@ def _free(trace: Trace, point: FloatArray, lines: Sequence[Trace], valid: npt.ND
     start = at - int(np.argmin(np.concatenate([free[: at + 1][::-1], [False]]))) + 1
     end = at + int(np.argmin(np.concatenate([free[at:], [False]])))
     return Trace(points[start:end], np.ones(end - start), False)
-
-
-def nearest(image: npt.NDArray[Any], points: FloatArray) -> npt.NDArray[Any]:
-    """Values at the pixels nearest to x, y points."""
-    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
-    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
-    return np.asarray(image[rows, cols])

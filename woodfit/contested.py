@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from woodfit.added_boundary import nearest
+from woodfit.grids import nearest
 from woodfit.marked_path import MarkedPath
 from woodfit.marks_on_lines import Match, match_marks
 from woodfit.tracing import Trace

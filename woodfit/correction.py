@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from woodfit.added_boundary import follow_boundary, nearest, reach_of, shift_through
+from woodfit.added_boundary import follow_boundary, reach_of, shift_through
 from woodfit.contested import cut_contested
 from woodfit.corrected_order import Tie, corrected_order
 from woodfit.dendro.series import FormatError
+from woodfit.grids import nearest
 from woodfit.marked_path import MarkedPath
 from woodfit.marks_on_lines import NEAR_PX, boxes_of, match_marks, nearest_line, positions_of, tolerance_of
 from woodfit.ring_order import draw_labels

@@ -12,6 +12,13 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float32]
 
 
+def nearest(image: npt.NDArray[Any], points: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Values of an image (M, N) at the pixels nearest to x, y points (K, 2); beyond the edge, of the pixels at it."""
+    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
+    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
+    return np.asarray(image[rows, cols])
+
+
 def block_mean(image: npt.NDArray[Any], step: int) -> FloatArray:
     """Mean over blocks of `step` x `step` pixels; blocks beyond the edge are filled up with its pixels."""
     if step == 1:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from woodfit.boundary import edge_offsets, sample_image
+from woodfit.grids import nearest
 from woodfit.ring_order import distance_outwards, draw_labels
 from woodfit.tracing import Trace
 
@@ -87,7 +88,7 @@ def _between(
     width = np.interp(np.arange(len(width)), np.flatnonzero(known), width[known])
     if float(np.median(width)) < 7.0:
         return None
-    angle = _nearest(growth, points)
+    angle = nearest(growth, points)
     step = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     offset, _ = edge_offsets(strength, points, angle, width, 0.5, 0.16, False)
     here = points + step * offset[:, None]
@@ -101,12 +102,6 @@ def _between(
         return None
     belief = trace.confidence[start:end] * np.clip(edges[1] / np.maximum(around, 1e-9), 0.0, 1.0)
     return Trace(here, belief, trace.closed and end - start == len(trace.points))
-
-
-def _nearest(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
-    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
-    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
-    return np.asarray(image[rows, cols])
 
 
 def _bilinear(image: FloatArray, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
-from woodfit.grids import block_mean, enlarged, grid_step
+from woodfit.grids import block_mean, enlarged, grid_step, nearest
 from woodfit.tracing import Trace
 
 FloatArray = npt.NDArray[np.float32]
@@ -56,11 +56,9 @@ def believe(
 def _belief(
     trace: Trace, strength: FloatArray, around: FloatArray, frequency: npt.NDArray[Any]
 ) -> npt.NDArray[np.float64]:
-    cols = np.clip(np.round(trace.points[:, 0]).astype(int), 0, strength.shape[1] - 1)
-    rows = np.clip(np.round(trace.points[:, 1]).astype(int), 0, strength.shape[0] - 1)
-    edge = np.maximum(strength[rows, cols], 0.0)
-    contrast = np.minimum(edge / np.maximum(around[rows, cols], 1e-9), _CLEAR).astype(np.float64)
-    sigma = max(1.0, 1.0 / float(np.median(frequency[rows, cols])))
+    edge = np.maximum(nearest(strength, trace.points), 0.0)
+    contrast = np.minimum(edge / np.maximum(nearest(around, trace.points), 1e-9), _CLEAR).astype(np.float64)
+    sigma = max(1.0, 1.0 / float(np.median(nearest(frequency, trace.points))))
     near = gaussian_filter1d(contrast, sigma, mode="wrap" if trace.closed else "nearest")
     base, local, whole, wave = _WEIGHTS
     score = base + whole * np.log(0.3 + float(np.median(contrast))) + wave * float(trace.confidence.mean())
@@ -87,7 +85,7 @@ def without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: Flo
     length = np.array([len(t.points) for t in traces], np.float64)
     shares = []
     for image in (np.abs(response), np.maximum(strength, 0.0)):
-        typical = np.array([float(np.median(_at(image, t.points))) for t in traces])
+        typical = np.array([float(np.median(nearest(image, t.points))) for t in traces])
         order = np.argsort(typical)
         middle = np.searchsorted(np.cumsum(length[order]), 0.5 * length.sum())
         shares.append(typical / max(float(typical[order][middle]), 1e-12))
@@ -95,12 +93,6 @@ def without_faint(traces: list[Trace], response: npt.NDArray[Any], strength: Flo
     sure = np.array([float(t.confidence.mean()) for t in traces]) > 0.9
     keep = sure | ((wave >= 0.2) & ((edge >= 0.15) | (wave >= 0.6)))
     return [t for t, good in zip(traces, keep, strict=True) if good]
-
-
-def _at(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
-    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
-    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
-    return np.asarray(image[rows, cols])
 
 
 def mean_slope(strength: FloatArray, valid: npt.NDArray[np.bool_], ring_scale_px: float) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from woodfit.boundary import edge_offsets
+from woodfit.grids import nearest
 from woodfit.ring_order import Order
 from woodfit.tracing import Trace
 
@@ -185,9 +186,7 @@ def _in_the_way(
     for i, trace in others.items():
         theta, radius = _polar(trace.points, pith)
         column = np.round(theta / _step()).astype(int) % _BINS
-        cols = np.clip(np.round(trace.points[:, 0]).astype(int), 0, frequency.shape[1] - 1)
-        rows = np.clip(np.round(trace.points[:, 1]).astype(int), 0, frequency.shape[0] - 1)
-        if (gap[column] & (np.abs(radius - bridge[column]) < 0.3 / frequency[rows, cols])).any():
+        if (gap[column] & (np.abs(radius - bridge[column]) < 0.3 / nearest(frequency, trace.points))).any():
             if float(trace.confidence.mean()) > 0.9 or gap[column].mean() < 0.9:
                 return None
             met.add(i)
@@ -250,8 +249,7 @@ def _bridge(
     points = pith + outwards * radius[:, None]
     if count < 8:
         return Trace(points, np.full(count, _BRIDGED), False)
-    rows, cols = (np.clip(np.round(points[:, k]).astype(int), 0, frequency.shape[1 - k] - 1) for k in (1, 0))
-    width = 1.0 / frequency[rows, cols]
+    width = 1.0 / nearest(frequency, points)
     offset, contrast = edge_offsets(np.asarray(strength, np.float32), points, theta, width, 0.0, 0.1, False)
     taper = np.minimum(1.0, np.minimum(np.arange(count) + 1.0, count - np.arange(count)) / np.maximum(width, 1.0))
     belief = _BRIDGED * np.clip(contrast / 2.0, 0.2, 1.0)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
+from woodfit.grids import nearest
 from woodfit.growth import Growth, find_growth, pore_evidence
 from woodfit.infill import missed_boundaries
 from woodfit.ring_belief import believe, mean_slope, without_doubtful, without_faint
@@ -231,13 +232,6 @@ def find_rings(
     )
 
 
-def _sample(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
-    """Values at the pixels nearest to x, y points."""
-    cols = np.clip(np.round(points[:, 0]).astype(int), 0, image.shape[1] - 1)
-    rows = np.clip(np.round(points[:, 1]).astype(int), 0, image.shape[0] - 1)
-    return np.asarray(image[rows, cols])
-
-
 def _onto_edges(
     traces: list[Trace], strength: FloatArray, direction: FloatArray, frequency: npt.NDArray[Any]
 ) -> tuple[list[Trace], float]:
@@ -251,7 +245,7 @@ def _onto_edges(
     for _ in range(2):
         moved, lags = [], []
         for trace in traces:
-            angle, width = _sample(direction, trace.points), 1.0 / _sample(frequency, trace.points)
+            angle, width = nearest(direction, trace.points), 1.0 / nearest(frequency, trace.points)
             offset, contrast = edge_offsets(strength, trace.points, angle, width, lag, spread, trace.closed)
             step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * offset[:, None]
             # What finds no edge is believed less.
@@ -275,8 +269,8 @@ def _onto_latewood(
     """Traces moved from the steepest point of their steps to the latewood inside, unless the scan is out of focus."""
     moved, sharp = [], 0
     for trace in traces:
-        angle = _sample(direction, trace.points)
-        width = 1.0 / _sample(frequency, trace.points)
+        angle = nearest(direction, trace.points)
+        width = 1.0 / nearest(frequency, trace.points)
         inwards, reached = latewood_foot(value, trace.points, angle, width, trace.closed)
         step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * inwards[:, None]
         moved.append(replace(trace, points=trace.points - step))

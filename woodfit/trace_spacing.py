@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from woodfit.grids import nearest
 from woodfit.tracing import Trace
 
 FloatArray = npt.NDArray[np.float64]
@@ -55,9 +56,7 @@ def without_doubles(traces: list[Trace], frequency: npt.NDArray[Any], nearest_ri
     for i in _surest_first(traces):
         trace = traces[i]
         if kept:
-            cols = np.clip(np.round(trace.points[:, 0]).astype(int), 0, frequency.shape[1] - 1)
-            rows = np.clip(np.round(trace.points[:, 1]).astype(int), 0, frequency.shape[0] - 1)
-            least = nearest_rings / frequency[rows, cols]
+            least = nearest_rings / nearest(frequency, trace.points)
             near = taken.distance(trace.points, float(least.max())) < least
             if near.mean() > 0.5:
                 continue
