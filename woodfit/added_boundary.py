@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from woodfit.boundary import edge_offsets
 from woodfit.grids import nearest
-from woodfit.ring_order import distance_outwards, draw_labels
+from woodfit.ring_order import Surroundings, distance_outwards, draw_labels
 from woodfit.tracing import Trace
 
 FloatArray = npt.NDArray[np.float64]
@@ -131,7 +131,8 @@ def _way_to(
     shape = growth[window].shape
     labels = draw_labels([t.points - low for t in lines], [t.closed for t in lines], shape)
     turned = growth[window] + (0.0 if sign > 0 else np.pi)
-    met, way = distance_outwards(points - low, number + 1, labels, turned, frequency[window], valid[window])
+    around = Surroundings.of(labels, turned, frequency[window], valid[window])
+    met, way = distance_outwards(points - low, number + 1, around)
     return np.where(np.isin(met - 1, list(others)), way, 0.0)
 
 

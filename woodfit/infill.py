@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from woodfit.boundary import edge_offsets, sample_image
 from woodfit.grids import nearest
-from woodfit.ring_order import distance_outwards, draw_labels
+from woodfit.ring_order import Surroundings, distance_outwards, draw_labels
 from woodfit.tracing import Trace
 
 FloatArray = npt.NDArray[np.float32]
@@ -51,9 +51,10 @@ def missed_boundaries(
     list of Trace
     """
     labels = draw_labels([t.points for t in traces], [t.closed for t in traces], strength.shape)
+    around = Surroundings.of(labels, growth, frequency, valid)
     found = []
     for number, trace in enumerate(traces, start=1):
-        met, way = distance_outwards(trace.points, number, labels, growth, frequency, valid)
+        met, way = distance_outwards(trace.points, number, around)
         found += [
             inner
             for start, end in _stretches(met > 0)

@@ -138,20 +138,44 @@ def draw_labels(
     return labels
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """Drawn boundaries and the fields that a walk between them follows, all of shape (M, N)."""
+
+    labels: npt.NDArray[np.int32]
+    grow_x: npt.NDArray[np.float32]
+    grow_y: npt.NDArray[np.float32]
+    frequency: npt.NDArray[np.float32]
+    valid: npt.NDArray[np.bool_]
+    phase: npt.NDArray[np.float32]
+
+    @classmethod
+    def of(
+        cls,
+        labels: npt.NDArray[np.int32],
+        growth: npt.NDArray[Any],
+        frequency: npt.NDArray[Any],
+        valid: npt.NDArray[np.bool_],
+    ) -> Surroundings:
+        """From labels of `draw_labels`, outward direction in rad, rings per pixel, and the wood; phase unknown."""
+        return cls(
+            labels,
+            np.cos(growth).astype(np.float32),
+            np.sin(growth).astype(np.float32),
+            np.ascontiguousarray(frequency, np.float32),
+            np.ascontiguousarray(valid),
+            np.full(labels.shape, _UNKNOWN, np.float32),
+        )
+
+
 def distance_outwards(
-    points: npt.NDArray[np.float64],
-    own: int,
-    labels: npt.NDArray[np.int32],
-    growth: npt.NDArray[Any],
-    frequency: npt.NDArray[Any],
-    valid: npt.NDArray[np.bool_],
+    points: npt.NDArray[np.float64], own: int, around: Surroundings
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-    """Next boundary outwards from each point (its number, 0 for none) and the way there in pixels."""
-    grow_x, grow_y = np.cos(growth).astype(np.float32), np.sin(growth).astype(np.float32)
-    freq = np.ascontiguousarray(frequency, np.float32)
-    unknown = np.full(labels.shape, _UNKNOWN, np.float32)
-    top = np.array([labels.shape[1] - 1, labels.shape[0] - 1])
-    return _meet_outwards(labels, grow_x, grow_y, freq, unknown, valid, np.clip(points, 0, top), own)
+    """Next boundary outwards from each point of boundary `own` (its number, 0 for none) and the way there in pixels."""
+    inside = np.clip(points, 0, np.array(around.labels.shape[::-1]) - 1)
+    return _meet_outwards(
+        around.labels, around.grow_x, around.grow_y, around.frequency, around.phase, around.valid, inside, own
+    )
 
 
 def _votes(
