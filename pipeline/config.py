@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError
 
 from pipeline.discover import find_scans
 from pipeline.input_files import check_files, read_files
-from pipeline.problems import Problem, UsageError, did_you_mean, join_path, validation_problems
+from pipeline.problems import Problem, UsageError, did_you_mean, join_path, problem_of, validation_problems
 
 if TYPE_CHECKING:
     from stages.stage import Params, Stage
@@ -106,8 +106,7 @@ def load_config(path: Path, stages: Sequence[Stage]) -> Config:
     try:
         file = _File.model_validate(raw)
     except ValidationError as error:
-        for item in error.errors():
-            problems += validation_problems(_single(error, item), _known_keys(item["loc"]))
+        problems += [problem_of(item, _known_keys(item["loc"])) for item in error.errors()]
     problems += _stage_problems(raw, stages, path.parent)
     scans: tuple[Path, ...] = ()
     wanted = raw.get("scans")
@@ -129,11 +128,6 @@ def load_config(path: Path, stages: Sequence[Stage]) -> Config:
         overrides=tuple(file.overrides),
         execution=file.execution,
     )
-
-
-def _single(error: ValidationError, item: Any) -> ValidationError:
-    line = {"type": item["type"], "loc": item["loc"], "input": item["input"], "ctx": item.get("ctx", {})}
-    return ValidationError.from_exception_data(error.title, [line])  # type: ignore[list-item]
 
 
 def _known_keys(loc: tuple[str | int, ...]) -> list[str]:

@@ -55,10 +55,11 @@ def join_path(*parts: str | int) -> str:
 
 def validation_problems(error: ValidationError, known: Iterable[str], *prefix: str | int) -> list[Problem]:
     """Translate pydantic's errors; `known` are the field names for suggestions."""
-    return [_problem(item, known, prefix) for item in error.errors()]
+    return [problem_of(item, known, *prefix) for item in error.errors()]
 
 
-def _problem(item: Any, known: Iterable[str], prefix: tuple[str | int, ...]) -> Problem:
+def problem_of(item: Any, known: Iterable[str], *prefix: str | int) -> Problem:
+    """Translate one line of pydantic's errors."""
     where = join_path(*prefix, *item["loc"])
     if item["type"] == "extra_forbidden":
         return Problem(where, "unknown key" + did_you_mean(str(item["loc"][-1]), known))

@@ -69,20 +69,21 @@ class PoseParams(Params):
 )
 def pose(ds: xr.Dataset, params: PoseParams) -> xr.Dataset:
     """Fit the pith line that makes the traced rings round and their widths regular."""
-    from woodfit import pith
+    from woodfit import pith, pith_energy, pose_story
+    from woodfit.ring_radii import ring_radii
 
     lines, belief = polylines_of(ds)
-    rings = pith.sample_rings(lines, belief, ds[RING_INDEX.name].values, ds[RING_GROUP.name].values)
+    rings = pith_energy.sample_rings(lines, belief, ds[RING_INDEX.name].values, ds[RING_GROUP.name].values)
     x, y = ds.coords["x"].values, ds.coords["y"].values
-    face = pith.Face(float(x[0]), float(y[0]), float(x[-1]), float(y[-1]))
+    face = pose_story.Face(float(x[0]), float(y[0]), float(x[-1]), float(y[-1]))
     fixed = pith.Fixed(
         (params.pith_x_px, params.pith_y_px, params.pith_z_px), params.pith_tilt_deg, params.pith_azimuth_deg
     )
     fitted = pith.fit_pith(
         rings, face.size_px, params.pith_side == "behind", scalar(ds, GRAIN_RATIO), face.aspect, fixed
     )
-    radius, shift, width = pith.ring_radii(rings, fitted, params.narrowest_share)
-    story = pith.describe(fitted, face, float(width))
+    radius, shift, width = ring_radii(rings, fitted, params.narrowest_share)
+    story = pose_story.describe(fitted, face, float(width))
     return xr.Dataset(
         {
             BOARD_TO_TREE.name: BOARD_TO_TREE.array(pith.board_to_tree(fitted, face.centre)),

@@ -6,19 +6,10 @@ import pytest
 from kernel_scenes import Array
 from skimage.measure import find_contours
 
-from woodfit.pith import (
-    Face,
-    Fixed,
-    Pith,
-    RingPoints,
-    board_to_tree,
-    describe,
-    fit_pith,
-    frame_of,
-    radii,
-    ring_radii,
-    sample_rings,
-)
+from woodfit.pith import Fixed, Pith, board_to_tree, fit_pith
+from woodfit.pith_energy import RingPoints, frame_of, radii, sample_rings
+from woodfit.pose_story import Face, describe
+from woodfit.ring_radii import ring_radii
 
 SHAPE = (400, 480)
 CENTER = np.array([239.5, 199.5, 0.0])

@@ -187,7 +187,7 @@ def _best_path(reward: npt.NDArray[np.float64], cost: float, wraps: bool) -> npt
 
 
 @njit(cache=True)
-def _viterbi(reward: npt.NDArray[np.float64], cost: float) -> npt.NDArray[np.intp]:  # pragma: no cover - compiled
+def _viterbi(reward: npt.NDArray[np.float64], cost: float) -> npt.NDArray[np.intp]:
     count, bins = reward.shape
     score = reward[0].copy()
     back = np.zeros((count, bins), np.int8)

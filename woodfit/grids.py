@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -10,6 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float32]
+
+#: ``window(row, col, rows, cols, step)`` gives grey values and wood mask of a part of a scan, reduced by `step` by
+#: averaging: so a gigapixel scan is looked at without being read whole.
+Window = Callable[[int, int, int, int, int], tuple[FloatArray, npt.NDArray[np.bool_]]]
 
 
 def nearest(image: npt.NDArray[Any], points: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -20,7 +20,7 @@ Doubles = npt.NDArray[np.float64]
 @njit(cache=True)
 def _walk(
     toward_x: FloatArray, toward_y: FloatArray, x: float, y: float, path: Doubles
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Fill `path`, shape (2n+1, 2), with points one pixel apart on both sides of (x, y); NaN outside of the image."""
     height, width = toward_x.shape
     middle = path.shape[0] // 2
@@ -47,7 +47,7 @@ def _walk(
 
 
 @njit(cache=True)
-def _bilinear(image: FloatArray, x: float, y: float) -> float:  # pragma: no cover - compiled
+def _bilinear(image: FloatArray, x: float, y: float) -> float:
     col = min(int(x), image.shape[1] - 2)
     row = min(int(y), image.shape[0] - 2)
     right = x - col
@@ -70,7 +70,7 @@ def _respond(
     q: int,
     sigma_along_px: float,
     cycles: float,
-) -> ComplexArray:  # pragma: no cover - compiled
+) -> ComplexArray:
     response = np.zeros(rows.size, np.complex64)
     normal_x, normal_y = -tangent_y, tangent_x
     window_along = np.exp(-0.5 * (np.arange(-q, q + 1) / sigma_along_px) ** 2)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from woodfit.grids import block_mean, enlarged, grid_step
+from woodfit.grids import Window, block_mean, enlarged, grid_step
 from woodfit.structure_tensor import orientation
 
 FloatArray = npt.NDArray[np.float32]
@@ -116,7 +115,7 @@ def curvature(orientation: FloatArray, sigma_px: float) -> FloatArray:
 
 def straight_run(
     shape: tuple[int, int],
-    window: Callable[[int, int, int, int, int], tuple[FloatArray, npt.NDArray[np.bool_]]],
+    window: Window,
     ring_scale_px: float,
     step: int,
     window_px: int = 384,
@@ -128,8 +127,8 @@ def straight_run(
     ----------
     shape : tuple of two int
         Rows and columns of the scan.
-    window : callable
-        As in `woodfit.ring_scale.ring_scale`.
+    window : woodfit.grids.Window
+        Parts of the scan.
     ring_scale_px : float
         Characteristic ring width in scan px.
     step : int

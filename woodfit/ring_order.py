@@ -53,7 +53,7 @@ def _meet(
     own: int,
     outwards: float,
     most_cycles: float,
-) -> tuple[int, float, float, bool]:  # pragma: no cover - compiled
+) -> tuple[int, float, float, bool]:
     """Walk across the rings to the next boundary.
 
     Returns the boundary met (0 for none), the cycles and the way passed, and whether growth reversed. The cycles are
@@ -115,7 +115,7 @@ def _meet_outwards(
     valid: npt.NDArray[np.bool_],
     points: npt.NDArray[np.float64],
     own: int,
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:  # pragma: no cover - compiled
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """Boundary met outwards from each point (K, 2), 0 for none, and the way there."""
     met = np.zeros(len(points), np.int64)
     way = np.zeros(len(points), np.float64)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from woodfit.grids import Window
 from woodfit.streamlines import smooth_along
 from woodfit.structure_tensor import orientation
 from woodfit.wave_bank import fit_bank
@@ -51,7 +51,7 @@ def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray
 
 def ring_scale(
     shape: tuple[int, int],
-    window: Callable[[int, int, int, int, int], tuple[FloatArray, npt.NDArray[np.bool_]]],
+    window: Window,
     window_px: int = 320,
     thick_px: float | None = None,
 ) -> float:
@@ -61,9 +61,8 @@ def ring_scale(
     ----------
     shape : tuple of two int
         Rows and columns of the scan.
-    window : callable
-        ``window(row, col, rows, cols, step)`` returns grey values and valid mask of that part of the scan, reduced
-        by `step` by averaging; so that a gigapixel scan is never read whole.
+    window : woodfit.grids.Window
+        Parts of the scan.
     window_px : int
         Side of a window at its own level of the pyramid.
     thick_px : float, optional

@@ -26,7 +26,7 @@ MARGIN_PX = 10
 @njit(inline="always")
 def advance(
     dir_x: FloatArray, dir_y: FloatArray, x: Any, y: Any, px: Any, py: Any, pace: Any
-) -> tuple[Any, Any, Any, Any]:  # pragma: no cover - compiled
+) -> tuple[Any, Any, Any, Any]:
     """A step of `pace` px from (x, y), last direction (px, py): the new place and the direction it was taken in."""
     # Unsigned indices: numba needs no test for negative ones.
     col = np.uint32(np.int32(x + np.float32(0.5)))
@@ -42,13 +42,13 @@ def advance(
 
 
 @njit(inline="always")
-def inside(x: Any, y: Any, right: Any, bottom: Any) -> bool:  # pragma: no cover - compiled
+def inside(x: Any, y: Any, right: Any, bottom: Any) -> bool:
     """Whether (x, y) is on the image, whose last pixel is (right, bottom)."""
     return bool(x >= np.float32(0.0) and y >= np.float32(0.0) and x <= right and y <= bottom)
 
 
 @njit(inline="always")
-def sample(image: FloatArray, x: Any, y: Any) -> Any:  # pragma: no cover - compiled
+def sample(image: FloatArray, x: Any, y: Any) -> Any:
     """Bilinear."""
     left = min(np.uint32(np.int32(x)), np.uint32(image.shape[1] - 2))
     top = min(np.uint32(np.int32(y)), np.uint32(image.shape[0] - 2))
@@ -75,7 +75,7 @@ def room(whole: npt.NDArray[np.bool_]) -> npt.NDArray[np.int16]:
 @njit(inline="always")
 def _two_free(
     image: FloatArray, tan_x: FloatArray, tan_y: FloatArray, taper: FloatArray, row: Any, col: Any
-) -> tuple[Any, Any]:  # pragma: no cover - compiled
+) -> tuple[Any, Any]:
     """Weighted sums along the rings through a pixel and the one right of it, where nothing is in the way.
 
     Four walks at once: each waits for its own last step, and the processor fills the wait with the others.
@@ -106,7 +106,7 @@ def _one_way(
     row: Any,
     col: Any,
     sign: Any,
-) -> tuple[Any, Any]:  # pragma: no cover - compiled
+) -> tuple[Any, Any]:
     """Weighted sum and mass of the steps from a pixel along or against its tangent, as far as the image reaches."""
     right, bottom = np.float32(weight.shape[1] - 1), np.float32(weight.shape[0] - 1)
     acc = mass = np.float32(0.0)
@@ -130,7 +130,7 @@ def _smooth_along(
     tan_x: FloatArray,
     tan_y: FloatArray,
     taper: FloatArray,
-) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
+) -> tuple[FloatArray, FloatArray]:
     """`weighted` is image times weight; `free` is the `room` where the weight is 1."""
     height, width = weighted.shape
     smooth = np.zeros((height, width), np.float32)

@@ -36,7 +36,7 @@ class Trace:
 @njit(cache=True)
 def _mark(
     owner: npt.NDArray[np.int32], x: float, y: float, radius: float, label: int
-) -> None:  # pragma: no cover - compiled
+) -> None:
     height, width = owner.shape
     r = int(radius + 1.0)
     cx = int(x + 0.5)
@@ -64,7 +64,7 @@ def _walk(
     limit: int,
     label: int,
     most_turn: float,
-) -> tuple[npt.NDArray[np.float64], bool, float]:  # pragma: no cover - compiled
+) -> tuple[npt.NDArray[np.float64], bool, float]:
     """Walk one way from a start: rows of x, y, confidence; whether it closed; how far it turned, in rad."""
     height, width = phase.shape
     path = np.empty((limit, 3), np.float64)

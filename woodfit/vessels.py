@@ -7,14 +7,13 @@ of the vessels does. There the rings are sought in that density.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from woodfit.grids import block_mean, enlarged
+from woodfit.grids import Window, block_mean, enlarged
 from woodfit.streamlines import smooth_along
 from woodfit.structure_tensor import orientation
 
@@ -55,7 +54,7 @@ def vessel_evidence(value: FloatArray, valid: npt.NDArray[np.bool_]) -> float:
 
 def vessel_scale(
     shape: tuple[int, int],
-    window: Callable[[int, int, int, int, int], tuple[FloatArray, npt.NDArray[np.bool_]]],
+    window: Window,
     ring_scale_px: float,
     window_px: int = 384,
 ) -> int:
@@ -65,8 +64,8 @@ def vessel_scale(
     ----------
     shape : tuple of two int
         Rows and columns of the scan.
-    window : callable
-        As in `woodfit.ring_scale.ring_scale`.
+    window : woodfit.grids.Window
+        Parts of the scan.
     ring_scale_px : float
         Characteristic ring width: rings must stay wide compared to what is taken for a vessel.
     window_px : int

@@ -30,7 +30,7 @@ def _profile(
     nor_y: FloatArray,
     row: Any,
     col: Any,
-) -> None:  # pragma: no cover - compiled
+) -> None:
     """Fill (2, reach + 1) arrays: the profile less its centre, ahead and behind, and its weight."""
     right, bottom = np.float32(smooth.shape[1] - 1), np.float32(smooth.shape[0] - 1)
     center = smooth[row, col]
@@ -69,7 +69,7 @@ def _fit_bank(
     gauss: FloatArray,
     cosine: FloatArray,
     sine: FloatArray,
-) -> tuple[ComplexArray, FloatArray]:  # pragma: no cover - compiled
+) -> tuple[ComplexArray, FloatArray]:
     """The window and the waves of the bank are given as arrays of shape (reach + 1, F)."""
     count, (length, bank) = rows.shape[0], gauss.shape
     response = np.zeros((count, bank), np.complex64)

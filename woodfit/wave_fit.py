@@ -28,7 +28,7 @@ _SAMPLES = 16.0
 @njit(inline="always")
 def solve_wave(
     w: Any, c: Any, s: Any, cc: Any, cs: Any, z: Any, zc: Any, zs: Any, zz: Any
-) -> tuple[Any, Any]:  # pragma: no cover - compiled
+) -> tuple[Any, Any]:
     """Least squares of z = mean + a cos + b sin from its weighted sums; the wave and the explained share.
 
     w is the window's mass, c and s are the sums of cos and sin, z that of the signal, pairs those of products.
@@ -66,7 +66,7 @@ def _fit_across(
     nor_y: FloatArray,
     rows: IntArray,
     cols: IntArray,
-) -> tuple[ComplexArray, FloatArray]:  # pragma: no cover - compiled
+) -> tuple[ComplexArray, FloatArray]:
     """`supported` is the smooth image times its support; `free` is the `room` where the support is full."""
     right, bottom = np.float32(smooth.shape[1] - 1), np.float32(smooth.shape[0] - 1)
     response = np.zeros(rows.shape[0], np.complex64)
