@@ -11,6 +11,7 @@ from kernel_scenes import Array, Image, conifer, noise, pixels, round_age, strai
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from woodfit import rings
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.curved_gabor import GaborField, Region, curved_gabor
 from woodfit.growth import Growth, find_growth, outward_flux
@@ -524,3 +525,14 @@ def test_inputs_are_not_modified() -> None:
         zip(fields, before, strict=True), zip([t.points for t in rings.traces], lines, strict=True)
     ):
         npt.assert_array_equal(now, then)
+
+
+def test_rings_without_an_abrupt_side_are_kept_but_not_sure() -> None:
+    line = Trace(np.array([[0.0, 1.0], [1.0, 1.0]]), np.array([0.98, 0.96]), False)
+    (plain,) = rings._less_sure([line], 0.5 * rings.ONE_SIDED)
+    npt.assert_allclose(plain.confidence, 0.5 * line.confidence)
+    (abrupt,) = rings._less_sure([line], 3.0 * rings.ONE_SIDED)
+    npt.assert_allclose(abrupt.confidence, line.confidence)
+    believed = np.array([[1.0, 0.0]])
+    assert rings.one_sidedness(np.array([[0.3, 0.9]]), believed) == pytest.approx(0.3)
+    assert rings.one_sidedness(np.zeros((2, 2)), np.zeros((2, 2))) == 0.0
