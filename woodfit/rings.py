@@ -233,7 +233,7 @@ def find_rings(
     order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid, phase)
     if pith is not None:
         kept, order = close_rings(kept, order, pith, strength, frequency, valid)
-    elif not dotted:
+    elif along_stem > 0.9 and not dotted:
         kept = _less_sure(kept, one_sidedness(asymmetry, confidence))
     rank = np.lexsort((np.arange(len(kept)), order.index, order.group))
     order = Order(order.index[rank], order.group[rank], order.agreement[rank])
