@@ -276,6 +276,26 @@ def crossdate(
 
 
 @app.command()
+def ablate(
+    scan: Annotated[str, typer.Argument(metavar="SCAN", help="The scan: its name without suffix, or its path.")],
+    config: Annotated[Path, typer.Option("--config", help="The YAML file.")] = DEFAULT_CONFIG,
+    steps: Annotated[int, typer.Option(min=1, help="Steps of gradient descent on the image loss.")] = 500,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="PNG to write; default: ablation.png beside its rings.")
+    ] = None,
+    debug: DebugOption = False,
+) -> None:
+    """Draw why the phase is fitted and not the image: both fits of a scan side by side, front and inside."""
+    with told_to_people(debug):
+        from pipeline.ablation import ablate_scan
+
+        path = ablate_scan(config, scan, steps, out, debug)
+        if path is not None:
+            print(path)
+    raise typer.Exit(0 if path is not None else 1)
+
+
+@app.command()
 def clean(
     config: OptionalConfig = DEFAULT_CONFIG,
     output: Annotated[Path | None, typer.Option("--output", help="The output folder, instead of a config.")] = None,

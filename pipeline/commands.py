@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,9 +45,11 @@ def run_and_tell(
             if run.trace:
                 console.print(f"{row.scan.name}:\n{run.trace}", markup=False, highlight=False)
     console.print(summary_table(rows))
-    others = [scan for scan in project.config.scans if scan not in {row.scan for row in rows}]
+    others = [name for name in project.config.names if name not in {row.scan for row in rows}]
     layout = Layout(project.config.output)
-    every = sorted([*rows, *recorded_rows(layout, others)], key=lambda row: row.scan)
+    owner = {scan: block.name for block in project.config.blocks for scan in block.scans}
+    every = [replace(row, block=owner.get(row.scan, "")) for row in (*rows, *recorded_rows(layout, others))]
+    every.sort(key=lambda row: row.scan)
     index = write_index(project.config.output, every)
     if index is not None:
         console.print(f"open {index}", markup=False, highlight=False, soft_wrap=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, ValidationError
 
+from pipeline.blocks import Block, clashing_names, read_blocks
 from pipeline.discover import find_scans
 from pipeline.input_files import check_files, read_files
 from pipeline.problems import Problem, UsageError, did_you_mean, join_path, problem_of, validation_problems
@@ -53,7 +54,8 @@ class _File(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    scans: str | list[str]
+    scans: str | list[str] = []
+    block: Any = None
     output: str
     stages: StageSettings = {}
     overrides: list[Override] = []
@@ -67,19 +69,38 @@ class Config(BaseModel):
 
     path: Path
     scans: tuple[Path, ...]
+    blocks: tuple[Block, ...] = ()
     output: Path
     stages: StageSettings
     overrides: tuple[Override, ...]
     execution: Execution
 
+    def selected(self, pattern: str | None) -> tuple[list[Path], list[Block]]:
+        """Scans and blocks that a pattern names, all without one; a block brings its faces."""
+        root = self.path.parent
+        blocks = [block for block in self.blocks if pattern is None or matches(block.path, pattern, root)]
+        faces = {scan for block in blocks for scan in block.scans}
+        return [s for s in self.scans if pattern is None or s in faces or matches(s, pattern, root)], blocks
+
+    @property
+    def names(self) -> tuple[Path, ...]:
+        """Scans, then blocks, as the command line names them."""
+        return (*self.scans, *(block.path for block in self.blocks))
+
     def params(self, scan: Path, stages: Sequence[Stage]) -> dict[str, Params]:
-        """Full parameters of every stage for one scan; raise `ScanError` where a file among them cannot be read."""
+        """Full parameters of every stage for one scan, or one block by its path.
+
+        Raises
+        ------
+        ScanError
+            Where a file among them cannot be read.
+        """
         chosen: dict[str, dict[str, Any]] = {name: dict(values or {}) for name, values in self.stages.items()}
         for override in self.overrides:
             if matches(scan, override.scans, self.path.parent):
                 for name, values in override.stages.items():
                     chosen.setdefault(name, {}).update(values or {})
-        others = {other.stem for other in self.scans}
+        others = {other.stem for other in self.names}
         full = {}
         for stage in stages:
             model = stage.params_type
@@ -114,15 +135,22 @@ def load_config(path: Path, stages: Sequence[Stage]) -> Config:
         output = path.parent / str(raw.get("output", "")) if isinstance(raw.get("output"), str) else None
         scans, more = find_scans(wanted, path.parent, output)
         problems += more
+    blocks, more = read_blocks(raw.get("block"), path.parent)
+    scans = tuple(sorted({*scans, *(scan for block in blocks for scan in block.scans)}))
+    problems += [*more, *clashing_names(blocks, scans)]
+    if "scans" not in raw and not raw.get("block"):
+        problems.append(Problem("scans", "is missing"))
+    names = (*scans, *(block.path for block in blocks))
     for index, override in enumerate(_overrides(raw)):
         pattern = override.get("scans")
-        if scans and isinstance(pattern, str) and not any(matches(scan, pattern, path.parent) for scan in scans):
+        if names and isinstance(pattern, str) and not any(matches(name, pattern, path.parent) for name in names):
             problems.append(Problem(join_path("overrides", index, "scans"), f"{pattern!r} matches no scan"))
     if problems or file is None:
         raise UsageError(title, sorted(set(problems)))
     return Config(
         path=path,
         scans=scans,
+        blocks=blocks,
         output=path.parent / file.output,
         stages=file.stages,
         overrides=tuple(file.overrides),

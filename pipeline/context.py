@@ -10,12 +10,12 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ProductContext:
-    """One scan's story, for its products.
+    """One scan's or block's story, for its products.
 
     Parameters
     ----------
     scan
-        The scan's file.
+        The scan's file; for a block, a path that only carries its name.
     stem
         Name of its product folder.
     params
@@ -30,6 +30,8 @@ class ProductContext:
         Stage name to its figures, each a number or a short text.
     version
         Version of woodpipe that writes the product.
+    faces
+        Of a block: the names of its faces, in order.
     """
 
     scan: Path
@@ -40,6 +42,7 @@ class ProductContext:
     warnings: tuple[str, ...] = ()
     figures: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
     version: str = "unknown"
+    faces: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class ScanRow:
         Product name to file name within the product folder, of those that exist.
     warnings
         What the stages want a person to know.
+    block
+        Name of the block whose face it is; empty for other scans.
     """
 
     scan: Path
@@ -74,6 +79,7 @@ class ScanRow:
     seconds: float = 0.0
     products: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    block: str = ""
 
 
 def woodpipe_version() -> str:

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from pipeline.block_run import BlockRun, block_runs
 from pipeline.config import Execution
 from pipeline.executors import Executor, start_executor
-from pipeline.jobs import Outcome, ProductJob, Source, StageJob, StageRef, Status
+from pipeline.job_making import product_job, stage_job
+from pipeline.jobs import Outcome, ProductJob, StageJob, Status
 from pipeline.layout import Layout
 from pipeline.plan import ProductNode, ScanPlan, StageNode
 from pipeline.product_tasks import write_product
@@ -21,7 +23,7 @@ from pipeline.scan_run import ScanRun, node_name
 from pipeline.tasks import run_stage
 from pipeline.tile_stage import TileStage
 from pipeline.tiles import is_tiled
-from pipeline.wiring import SOURCE, Wiring
+from pipeline.wiring import BLOCK, SOURCE, Wiring
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,11 +92,13 @@ class Engine:
         self._in_flight = 0
         self._answers: queue.SimpleQueue[tuple[Work, Outcome | None]] = queue.SimpleQueue()
         self._tile_stages: list[TileStage] = []
+        self._blocks: list[BlockRun] = []
         self._counter = 0
 
     def run(self, plans: Sequence[ScanPlan]) -> list[ScanRun]:
         """Bring every plan up to date; starts no worker if there is nothing to compute."""
         runs = [ScanRun(plan, index) for index, plan in enumerate(plans)]
+        self._blocks = block_runs(runs)
         executor = None
         try:
             if all(plan.problem or plan.is_idle for plan in plans):
@@ -127,8 +131,7 @@ class Engine:
 
     def rows(self, runs: Sequence[ScanRun]) -> list[ScanRow]:
         """Summary of the run."""
-        everything = len(self._stages) + len(self._products)
-        return [run.row(len(run.plan.stages) + len(run.plan.products) == everything, self._layout) for run in runs]
+        return [run.row(run.plan.is_whole, self._layout) for run in runs]
 
     def _start(self, plans: Sequence[ScanPlan]) -> Executor:
         """Start as many workers as can be busy; one scan of few pixels alone is computed in this process."""
@@ -158,14 +161,23 @@ class Engine:
             else:
                 run.end_product(node, Status.REUSED, run.products[node.product]["size"])
             self._reporter.ended(run.plan.label, node_name(node), Status.REUSED, 0.0)
+            if isinstance(node, StageNode):
+                self._tell_blocks(run, node.stage)
+
+    def _tell_blocks(self, run: ScanRun, stage: str) -> None:
+        """Let blocks go on that waited for a stage of this face."""
+        for block in self._blocks:
+            if block.take(run, stage):
+                self._advance(block.run)
 
     def _queue(self, run: ScanRun, node: StageNode | ProductNode, reason: str) -> None:
         """Queue the job, or the jobs, of a node."""
         if isinstance(node, ProductNode):
             end = partial(self._end_product, run, node)
-            self._push(run, node_name(node), len(self._order), write_product, self._product_job(run, node), end)
+            made = product_job(self._layout, self._wiring, self._products[node.product], run, node)
+            self._push(run, node_name(node), len(self._order), write_product, made, end)
             return
-        job = self._stage_job(run, node, reason)
+        job = stage_job(self._layout, self._wiring, self._stages[node.stage], run, node, reason)
         shape = self._tiled_shape(run, node)
         if shape is None:
             end = partial(self._end_stage, run, node)
@@ -183,41 +195,16 @@ class Engine:
         self._tile_stages.append(tile_stage)
         self._begin(tile_stage)
 
-    def _product_job(self, run: ScanRun, node: ProductNode) -> ProductJob:
-        return ProductJob(
-            output=self._layout.output,
-            source=Source(run.plan.scan, run.plan.content.stamp),
-            product=self._products[node.product],
-            key=node.key,
-            wanted=self._wiring.products[node.product],
-            keys=run.keys(),
-            params={stage.stage: stage.params for stage in run.plan.stages},
-        )
-
-    def _stage_job(self, run: ScanRun, node: StageNode, reason: str) -> StageJob:
-        return StageJob(
-            output=self._layout.output,
-            source=Source(run.plan.scan, run.plan.content.stamp),
-            stage=StageRef.of(self._stages[node.stage]),
-            key=node.key,
-            params=node.params,
-            inputs=node.inputs,
-            wanted=self._wiring.stages[node.stage],
-            digests=run.digests(node),
-            force=node.is_forced,
-            reason=reason,
-        )
-
     def _begin(self, tile_stage: TileStage) -> None:
         if not tile_stage.begin():
             self._later.append((time.monotonic() + RETRY_SECONDS, partial(self._begin, tile_stage)))
 
     def _tiled_shape(self, run: ScanRun, node: StageNode) -> tuple[int, int] | None:
-        """Shape of what a stage reads, if it is to be cut into tiles."""
-        if self._stages[node.stage].halo is None or SOURCE in node.inputs:
+        """Shape of what a stage reads, if it is to be cut into tiles; blocks are not."""
+        if self._stages[node.stage].halo is None or SOURCE in node.inputs or run.plan.block is not None:
             return None
         for provider, names in self._wiring.stages[node.stage].items():
-            for name in names:
+            for name in names if provider != BLOCK else ():
                 variable = run.metas[provider].variables[name]
                 if {"y", "x"} <= set(variable["dims"]):
                     sizes = dict(zip(variable["dims"], variable["shape"], strict=True))
@@ -289,6 +276,7 @@ class Engine:
         run.end_stage(node, outcome.status, outcome.meta)
         self._reporter.ended(run.plan.label, node.stage, outcome.status, outcome.seconds)
         self._advance(run)
+        self._tell_blocks(run, node.stage)
 
     def _end_product(self, run: ScanRun, node: ProductNode, outcome: Outcome) -> None:
         if outcome.status is Status.FAILED:
@@ -301,3 +289,7 @@ class Engine:
         message = outcome.message if outcome.is_bad_scan else f"{name}: {outcome.message}"
         run.fail(name, message, outcome.trace)
         self._reporter.failed(run.plan.label, message)
+        for block in self._blocks:
+            # A face without one of its products can still be a face.
+            if name in self._order and (told := block.fail(run, message)):
+                self._reporter.failed(block.run.plan.label, told)

@@ -13,6 +13,7 @@ from pipeline.tiles import Tile
 
 if TYPE_CHECKING:
     from pipeline.store import Meta
+    from stages.faces import Faces
     from stages.products import Product
     from stages.stage import Stage
 
@@ -50,8 +51,27 @@ class Source:
 
 
 @dataclass(frozen=True)
+class FaceResults:
+    """Results of the faces of a block, to be read as one.
+
+    Parameters
+    ----------
+    faces
+        Where they lie.
+    keys
+        For each face provider to key.
+    names
+        Their scans, for people.
+    """
+
+    faces: Faces
+    keys: tuple[Mapping[str, str], ...]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class StageJob:
-    """One stage of one scan, or one tile of it.
+    """One stage of one scan or block, or one tile of it.
 
     Parameters
     ----------
@@ -79,6 +99,8 @@ class StageJob:
         Why it runs, for its provenance.
     tile, tile_side
         For one tile of a large scan.
+    block
+        For a stage of a block.
     """
 
     output: Path
@@ -94,11 +116,12 @@ class StageJob:
     reason: str = ""
     tile: Tile | None = None
     tile_side: int = 0
+    block: FaceResults | None = None
 
 
 @dataclass(frozen=True)
 class ProductJob:
-    """One product of one scan."""
+    """One product of one scan or block."""
 
     output: Path
     source: Source
@@ -108,6 +131,7 @@ class ProductJob:
     keys: Mapping[str, str]
     params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     threads: int = 1
+    block: FaceResults | None = None
 
 
 class Status(StrEnum):

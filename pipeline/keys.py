@@ -38,6 +38,11 @@ def product_key(name: str, version: int, image: str, inputs: Mapping[str, str]) 
     return key_of({"product": name, "version": version, "image": image, "inputs": inputs})
 
 
+def joint_key(parts: Any) -> str:
+    """One key in place of those of several faces, or of where they lie."""
+    return key_of({"faces": parts})
+
+
 def hash_file(path: Path) -> str:
     """SHA-256 of a file's bytes."""
     with path.open("rb") as file:

@@ -64,7 +64,10 @@ class PlainLines:
 
     def begin(self, plans: Sequence[ScanPlan], link: str) -> None:
         """Say how many scans there are and where the dashboard is."""
-        self._say(f"{len(plans)} scan{'' if len(plans) == 1 else 's'}")
+        blocks = sum(plan.block is not None for plan in plans)
+        scans = len(plans) - blocks
+        told = f"{scans} scan{'' if scans == 1 else 's'}"
+        self._say(told + (f" and {blocks} block{'' if blocks == 1 else 's'}" if blocks else ""))
         if link:
             self._say(f"dashboard: {link}")
 

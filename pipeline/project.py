@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from pipeline.config import Config, Execution, load_config, matches
+from pipeline.config import Config, Execution, load_config
 from pipeline.layout import Layout, read_json, write_json
-from pipeline.plan import ScanPlan, Selection, make_plan
+from pipeline.plan import ScanPlan, Selection
+from pipeline.planner import make_plan
 from pipeline.problems import Problem, UsageError, did_you_mean, validation_problems
 from pipeline.wiring import Wiring, wire
 
@@ -68,13 +69,12 @@ class Project:
             raise UsageError("The command cannot be followed", problems)
 
     def stems(self) -> list[str]:
-        """Names of the scans without suffix."""
-        return [scan.stem for scan in self.config.scans]
+        """Names of the scans without suffix, and of the blocks."""
+        return [name.stem for name in self.config.names]
 
     def selected(self, scan: str | None) -> list[Path]:
-        """Scans with such a name; all of them without one."""
-        root = self.config.path.parent
-        return [path for path in self.config.scans if scan is None or matches(path, scan, root)]
+        """Scans with such a name, and those of blocks with such a name; all of them without one."""
+        return self.config.selected(scan)[0]
 
     def plan(self, selection: Selection | None = None) -> list[ScanPlan]:
         """Plan every selected scan."""
@@ -119,8 +119,9 @@ def all_stages() -> tuple[Stage, ...]:
 def all_products(stages: Sequence[Stage]) -> tuple[Product, ...]:
     """The stages' products and the report, which needs everything there is."""
     from stages.products import PRODUCTS, Product
+    from stages.variables import FACE_PLANE, FACE_TOP
 
-    everything = tuple(variable for stage in stages for variable in stage.provides)
+    everything = (*(variable for stage in stages for variable in stage.provides), FACE_PLANE, FACE_TOP)
     report = Product(
         name="report", filename="report.html", requires=everything, version=_report_version(), write=report_of
     )

@@ -25,6 +25,7 @@ def provenance_of(layout: Layout, stem: str) -> dict[str, Any]:
         "scan": record["scan"],
         "stem": stem,
         "content": record["content"],
+        **({"faces": record["faces"]} if "faces" in record else {}),
         "problem": record["message"],
         "output": str(layout.output),
         "folder": str(layout.output / stem),
@@ -49,7 +50,7 @@ def _stage(layout: Layout, name: str, entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def recorded_rows(layout: Layout, scans: Iterable[Path]) -> list[ScanRow]:
-    """Lines for scans that this run left alone, from what their last run left behind."""
+    """Lines for scans and blocks that this run left alone, from what their last run left behind."""
     rows = []
     for scan in scans:
         record = read_json(layout.record(scan.stem))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.input_files import stored_files
-from pipeline.wiring import SOURCE
+from pipeline.wiring import BLOCK, SOURCE
 
 
 def why_stage(
@@ -33,6 +33,8 @@ def why_stage(
             reasons.append(f"version of {stage} changed from {before['version']} to {now['version']}")
         if now["inputs"].get(SOURCE) != before["inputs"].get(SOURCE):
             reasons.append("the scan's file changed")
+        if BLOCK in before["inputs"] and now["inputs"].get(BLOCK) != before["inputs"][BLOCK]:
+            reasons.append("the faces lie elsewhere")
     if reasons:
         return "; ".join(reasons)
     if is_partial:

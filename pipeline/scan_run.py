@@ -1,26 +1,27 @@
-"""One scan on its way through the stages: what is done, what can start, what is left."""
+"""One scan or block on its way through the stages: what is done, what can start, what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from pipeline.context import ScanRow
 from pipeline.jobs import Status
-from pipeline.layout import Layout, write_json
+from pipeline.layout import Layout, read_json, write_json
 from pipeline.plan import Action, ProductNode, ScanPlan, StageNode
-from pipeline.store import Meta, rings_found
-from pipeline.wiring import SOURCE
+from pipeline.store import Meta, joint_meta, rings_found
+from pipeline.wiring import BLOCK, SOURCE
 
 
 @dataclass(eq=False)
 class ScanRun:
-    """State of one scan during a run; lives in the driver only."""
+    """State of one scan or block during a run; lives in the driver only."""
 
     plan: ScanPlan
     index: int
     metas: dict[str, Meta] = field(default_factory=dict)
+    joined: set[str] = field(default_factory=set)
     ended: dict[str, Status] = field(default_factory=dict)
     started: set[str] = field(default_factory=set)
     seconds: float = 0.0
@@ -45,7 +46,8 @@ class ScanRun:
 
     def ready(self) -> Iterator[StageNode | ProductNode]:
         """Nodes whose inputs are there and that have not started."""
-        there = {name for name, status in self.ended.items() if status is not Status.FAILED} | {SOURCE}
+        there = {name for name, status in self.ended.items() if status is not Status.FAILED}
+        there |= {SOURCE, BLOCK, *self.joined}
         for node in self.plan.nodes:
             if node_name(node) not in self.started and there.issuperset(node.inputs):
                 yield node
@@ -63,7 +65,7 @@ class ScanRun:
 
     def digests(self, node: StageNode | ProductNode) -> dict[str, str]:
         """What the node's inputs hold now."""
-        return {name: self.metas[name].digest for name in node.inputs if name != SOURCE}
+        return {name: self.metas[name].digest for name in node.inputs if name not in (SOURCE, BLOCK)}
 
     def keys(self) -> dict[str, str]:
         """Stage name to key, of all stages that are done."""
@@ -72,6 +74,11 @@ class ScanRun:
     def end_stage(self, node: StageNode, status: Status, meta: Meta) -> None:
         """Note that a stage's result is there."""
         self.ended[node.stage], self.metas[node.stage] = status, meta
+
+    def join(self, stage: str, faces: Sequence[ScanRun]) -> None:
+        """Note that a stage's result is there for all faces of this block."""
+        self.joined.add(stage)
+        self.metas[stage] = joint_meta([face.metas[stage] for face in faces])
 
     def end_product(self, node: ProductNode, status: Status, size: int) -> None:
         """Note that a product is there."""
@@ -123,7 +130,10 @@ class ScanRun:
             "products": self.products,
             "message": self.message,
         }
-        if record != self.plan.record:
+        if self.plan.block is not None:
+            record["faces"] = self.plan.block.record()
+        # What the plan knows of it may leave out what the scan made before it became a face.
+        if record != read_json(layout.record(self.plan.stem)):
             write_json(layout.record(self.plan.stem), record)
 
 

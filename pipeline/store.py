@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 import shutil
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipeline.keys import hash_tree
+from pipeline.keys import hash_tree, joint_key
 from pipeline.layout import Layout, read_json, write_json
 
 if TYPE_CHECKING:
@@ -62,6 +62,12 @@ def rings_found(metas: Iterable[Meta]) -> int | None:
 
     counts = [meta.figures[RING_COUNT_FIGURE] for meta in metas if RING_COUNT_FIGURE in meta.figures]
     return int(counts[0]) if counts else None
+
+
+def joint_meta(metas: Sequence[Meta]) -> Meta:
+    """The results of one stage of all faces of a block as one: other values of any face are other values."""
+    first = metas[0]
+    return Meta(first.stage, first.version, {}, {}, {}, joint_key([meta.digest for meta in metas]))
 
 
 def read_meta(layout: Layout, stage: str, key: str) -> Meta | None:

@@ -53,16 +53,21 @@ def plan_table(plans: Sequence[ScanPlan]) -> Table:
 
 def status_table(plans: Sequence[ScanPlan]) -> Table:
     """Scans down, stages and products across."""
-    first = next((plan for plan in plans if not plan.problem), None)
-    stages = [node.stage for node in first.stages] if first else []
-    products = [node.product for node in first.products] if first else []
+    # Faces of blocks have the first stages and products, blocks the others, other scans all.
+    stages = list(dict.fromkeys(node.stage for plan in plans for node in plan.stages))
+    products = list(dict.fromkeys(node.product for plan in plans for node in plan.products))
     table = _table("scan", *stages, *products)
     for plan in plans:
         if plan.problem:
             table.add_row(Text(plan.scan.name), Text(plan.problem, style="red"))
             continue
-        states = [node.action for node in plan.nodes]
-        table.add_row(Text(plan.scan.name), *(Text(STATES[state], style=_style(state)) for state in states))
+        states = {("stage", node.stage): node.action for node in plan.stages}
+        states |= {("product", node.product): node.action for node in plan.products}
+        columns = [("stage", name) for name in stages] + [("product", name) for name in products]
+        cells = [states.get(column) for column in columns]
+        table.add_row(
+            Text(plan.scan.name), *(Text("") if c is None else Text(STATES[c], style=_style(c)) for c in cells)
+        )
     return table
 
 
@@ -87,7 +92,11 @@ def stages_text(stages: Sequence[Stage]) -> Table:
 def provenance_tables(known: Mapping[str, Any]) -> list[Any]:
     """A scan's products and results, for people."""
     products = Table.grid(padding=(0, 2))
-    for label, value in (("scan", known["scan"]), ("content", known["content"]), *known["products"].items()):
+    if "faces" in known:
+        named = [("block", known["stem"]), ("faces", ", ".join(known["faces"]["planes_px"]))]
+    else:
+        named = [("scan", known["scan"]), ("content", known["content"])]
+    for label, value in (*named, *known["products"].items()):
         products.add_row(Text(label, style="bold"), Text(value))
     for name in known["missing"]:
         products.add_row(Text(name, style="bold"), Text("is gone", style="red"))

@@ -8,20 +8,20 @@ from __future__ import annotations
 import shutil
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pipeline.contents import file_stamp
-from pipeline.jobs import Outcome, Source, StageJob, Status
+from pipeline.jobs import FaceResults, Outcome, Source, StageJob, Status
 from pipeline.layout import Layout
 from pipeline.locks import try_lock
 from pipeline.problems import ScanError
-from pipeline.store import Meta, open_data, plain, publish, read_meta, write_data
+from pipeline.store import CHUNK, Meta, open_data, plain, publish, read_meta, write_data
 from pipeline.threads import limit_threads
-from pipeline.wiring import SOURCE
+from pipeline.wiring import BLOCK, SOURCE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -92,7 +92,11 @@ def run_stage(job: StageJob) -> Outcome:
 def _compute(stage: Stage, job: StageJob, partial: Path) -> tuple[list[str], dict[str, float | str]]:
     """Call the stage and write its result into `partial`; returns its warnings and figures."""
     with threaded_dask(job.threads):
-        ds = read_inputs(Layout(job.output), job.source, job.inputs, job.wanted, partial / "scratch")
+        layout = Layout(job.output)
+        if job.block is not None:
+            ds = read_block(layout, job.block, job.inputs, job.wanted)
+        else:
+            ds = read_inputs(layout, job.source, job.inputs, job.wanted, partial / "scratch")
         result = stage(ds, stage.params_type.model_validate(job.params))
         write_data(result, partial)
     shutil.rmtree(partial / "scratch", ignore_errors=True)
@@ -129,16 +133,63 @@ def read_inputs(
     load
         Read stored variables now; a large scan's own pixels stay lazy.
     """
-    import xarray as xr
-
     parts = []
     for provider, names in wanted.items():
         if provider == SOURCE:
             parts.append(read_source(source, scratch)[list(names)])
+        elif provider == BLOCK:
+            from stages.faces import single_face
+
+            parts.append(single_face()[list(names)])
         else:
             part = open_data(layout.result(provider, keys[provider]))[list(names)]
             part = part.isel(window, missing_dims="ignore") if window else part
             parts.append(part.load() if load else part)
+    return _merged(parts, wanted)
+
+
+def read_block(
+    layout: Layout,
+    block: FaceResults,
+    keys: Mapping[str, str],
+    wanted: Mapping[str, tuple[str, ...]],
+    load: bool = True,
+) -> xr.Dataset:
+    """Gather variables of a block: its own results, and those of its faces joined.
+
+    Parameters
+    ----------
+    block
+        Its faces.
+    keys, wanted
+        As for `read_inputs`; providers that the faces have are read from every face.
+    load
+        Read now; otherwise the joined images stay lazy.
+    """
+    from stages.faces import FacesError, join_faces
+
+    theirs = {provider: names for provider, names in wanted.items() if provider in block.keys[0]}
+    parts = []
+    for face in block.keys:
+        opened = [open_data(layout.result(provider, face[provider]))[list(names)] for provider, names in theirs.items()]
+        one = _merged(opened, theirs)
+        parts.append(one.load() if load else one.chunk({dim: CHUNK for dim in ("y", "x") if dim in one.dims}))
+    try:
+        joined = join_faces(parts, block.faces)
+    except FacesError as error:
+        raise ScanError(str(error)) from error
+    own = [
+        open_data(layout.result(provider, keys[provider]))[list(names)]
+        for provider, names in wanted.items()
+        if provider not in theirs and provider != BLOCK
+    ]
+    return _merged([joined, *(part.load() if load else part for part in own)], wanted)
+
+
+def _merged(parts: Sequence[xr.Dataset], wanted: Iterable[str]) -> xr.Dataset:
+    """Variables of several results in one dataset; they have to share their grid."""
+    import xarray as xr
+
     try:
         bare = [part.drop_attrs(deep=False) for part in parts]
         return xr.merge(bare, compat="override", join="exact", combine_attrs="override")

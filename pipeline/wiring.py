@@ -13,31 +13,41 @@ if TYPE_CHECKING:
     from stages.stage import Stage, Variable
 
 SOURCE = "source"
+BLOCK = "block"
+
+Wired = dict[str, dict[str, tuple[str, ...]]]
 
 
 @dataclass(frozen=True)
 class Wiring:
-    """For every stage and product: provider to the variables taken from it; the scan's file is ``source``."""
+    """For every stage and product: provider to the variables taken from it.
 
-    stages: dict[str, dict[str, tuple[str, ...]]]
-    products: dict[str, dict[str, tuple[str, ...]]]
+    The scan's file is ``source``; where its face lies in the wood comes from ``block``. The second pair holds the
+    same for blocks, where joining the faces takes a few variables more.
+    """
+
+    stages: Wired
+    products: Wired
+    block_stages: Wired
+    block_products: Wired
 
     def upstream(self, stage: str) -> list[str]:
         """Stages that `stage` reads from."""
-        return [provider for provider in self.stages[stage] if provider != SOURCE]
+        return [provider for provider in self.stages[stage] if provider not in (SOURCE, BLOCK)]
 
 
 def wire(stages: Sequence[Stage], products: Sequence[Product] = ()) -> Wiring:
     """Connect stages and products in order; raise one `UsageError` with all that does not fit."""
-    from stages.variables import DPI_PIXEL_SIZE, ENCODED, OPAQUE
+    from stages.variables import DPI_PIXEL_SIZE, ENCODED, FACE_PLANE, FACE_TOP, OPAQUE
 
-    providers = dict.fromkeys((ENCODED.name, OPAQUE.name, DPI_PIXEL_SIZE.name), SOURCE)
-    known: dict[str, Variable] = {variable.name: variable for variable in (ENCODED, OPAQUE, DPI_PIXEL_SIZE)}
+    given = {SOURCE: (ENCODED, OPAQUE, DPI_PIXEL_SIZE), BLOCK: (FACE_PLANE, FACE_TOP)}
+    providers = {variable.name: name for name, variables in given.items() for variable in variables}
+    known: dict[str, Variable] = {variable.name: variable for variables in given.values() for variable in variables}
     everywhere = {variable.name: stage.name for stage in stages for variable in stage.provides}
     problems: list[Problem] = []
-    connected: dict[str, dict[str, tuple[str, ...]]] = {}
+    connected: Wired = {}
     for stage in stages:
-        if stage.name in connected or stage.name == SOURCE:
+        if stage.name in connected or stage.name in given:
             problems.append(Problem(stage.name, "is the name of two stages"))
         for variable in stage.requires:
             problems += _missing(variable, known, everywhere, stage.name)
@@ -53,9 +63,45 @@ def wire(stages: Sequence[Stage], products: Sequence[Product] = ()) -> Wiring:
     for product in products:
         for variable in product.requires:
             problems += _missing(variable, known, everywhere, f"product {product.name}")
+    problems += _mixed(stages, connected, {variable.name for variable in given[SOURCE]})
     if problems:
         raise UsageError("The stages do not fit together", problems)
-    return Wiring(connected, {product.name: _gather(product.requires, providers) for product in products})
+    made = {product.name: _gather(product.requires, providers) for product in products}
+    blocks = {stage.name: connected[stage.name] for stage in stages if stage.sees_block}
+    seen = {stage.name for stage in stages if not stage.sees_block}
+    joined, taken = (
+        {name: _with_companions(wired, providers, seen) for name, wired in group.items()} for group in (blocks, made)
+    )
+    return Wiring(connected, made, joined, taken)
+
+
+def _mixed(stages: Sequence[Stage], connected: Wired, of_file: set[str]) -> list[Problem]:
+    """Stages that see one scan at a time and ask for what only a block has, and the other way round."""
+    sees_block = {stage.name for stage in stages if stage.sees_block} | {BLOCK}
+    problems = []
+    for stage in stages:
+        for provider, names in connected[stage.name].items():
+            if stage.sees_block and provider == SOURCE and of_file.issuperset(names):
+                told = f"sees a block, but requires `{names[0]}` of the scan's file"
+            elif not stage.sees_block and provider in sees_block:
+                told = f"sees one face at a time, but requires `{names[0]}` of {provider}; declare it `sees_block=True`"
+            else:
+                continue
+            problems.append(Problem(stage.name, told))
+    return problems
+
+
+def _with_companions(
+    wired: dict[str, tuple[str, ...]], providers: dict[str, str], seen: set[str]
+) -> dict[str, tuple[str, ...]]:
+    """What is read of a block, with what joining the faces takes beside that."""
+    from stages.faces import companions
+
+    more = {name: tuple(names) for name, names in wired.items()}
+    for name in companions(name for names in wired.values() for name in names):
+        if providers.get(name) in seen:
+            more[providers[name]] = (*more.get(providers[name], ()), name)
+    return more
 
 
 def _missing(variable: Variable, known: dict[str, Variable], everywhere: dict[str, str], who: str) -> list[Problem]:

@@ -179,7 +179,8 @@ def test_no_module_path_in_a_saved_texture(tmp_path: Path) -> None:
 def photos(folder: Path) -> None:
     """Files by the names that the examples use; their content is not looked at."""
     boards = ("samples/board.png", "photos/core_1.png", "photos/board_1.jpg", "photos/year/board_2.tif", "oak.png")
-    for name in (*boards, "cores/FCP01A_2019.png"):
+    faces = (*(f"photos/{name}.png" for name in ("front", "right", "top")), "cube/B.png", "cube/C.png")
+    for name in (*boards, *faces, "cores/FCP01A_2019.png"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()
 
@@ -195,7 +196,7 @@ def test_the_example_config_validates(tmp_path: Path) -> None:
 def test_the_configs_shown_in_the_docs_validate(page: Path, tmp_path: Path) -> None:
     photos(tmp_path)
     for number, block in enumerate(re.findall(r"^```yaml\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)):
-        whole = block if re.search(r"^scans:", block, re.MULTILINE) else f"scans: photos\noutput: out\n{block}"
+        whole = block if re.search(r"^(scans|block):", block, re.MULTILINE) else f"scans: photos\noutput: out\n{block}"
         config = tmp_path / f"{number}.yaml"
         config.write_text(whole)
         load_config(config, STAGES)

@@ -33,13 +33,19 @@ def render_index(rows: Sequence[ScanRow], folder: Path) -> str:
     str
         A page that needs nothing beside it but the pages it links to.
     """
-    scans = [_scan(row, folder) for row in rows]
+    blocks = {row.stem for row in rows} & {row.block for row in rows}
+    # Faces have no page and no picture of their own: they stand with their block, unless it failed.
+    made = {row.stem for row in rows if row.stem in blocks and row.outcome != "failed"}
+    scans = [_scan(row, folder) for row in rows if row.block not in made]
+    for scan in scans:
+        scan["faces"] = [_scan(row, folder) for row in rows if row.block and row.block == scan["stem"]]
     counts = Counter(row.outcome for row in rows)
     return render(
         "index.html.j2",
         scans=[scan for scan in scans if not scan["failed"]],
         failed=[scan for scan in scans if scan["failed"]],
-        count=len(rows),
+        count=len(rows) - len(blocks),
+        blocks=len(blocks),
         summary=[f"{counts[outcome]} {_WORDS.get(outcome, outcome)}" for outcome in counts],
         seconds=seconds_text(sum(row.seconds for row in rows)),
         version=woodpipe_version(),

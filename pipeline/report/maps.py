@@ -57,7 +57,7 @@ def _ring_width(scan: Scan) -> dict[str, Any] | None:
         return None
     frequency = scan.image(FREQUENCY)
     wood = scan.wood(frequency.shape) & np.isfinite(frequency) & (frequency > 0)
-    unit, factor = ("px", 1.0) if scan.pixel_size is None else ("mm", scan.pixel_size)
+    unit, factor = ("px", 1.0) if scan.pixel_size is None else (scan.unit, scan.pixel_size)
     width = np.where(wood, factor / np.where(wood, frequency, 1.0), np.nan)
     known = width[wood]
     low, high = np.percentile(known, [1.0, 99.0]) if known.size else (1.0, 2.0)

@@ -31,12 +31,15 @@ class Place:
         Ring boundaries, px.
     spread
         One standard deviation of turn, tilt (rad) and two offsets (px); NaN where unknown.
+    depth
+        z of the middle, px: 0 on a face, more inside of a block.
     """
 
     board_to_tree: Array
     frame: Frame
     radii: Array
     spread: Array
+    depth: float = 0.0
 
     @property
     def pith(self) -> Array:
@@ -45,8 +48,9 @@ class Place:
 
     @property
     def centre(self) -> Array:
-        """Middle of the face, board frame, px."""
-        return np.array([self.frame.left + 0.5 * self.frame.width, self.frame.top + 0.5 * self.frame.height, 0.0])
+        """Middle of the face or block, board frame, px."""
+        x, y = self.frame.left + 0.5 * self.frame.width, self.frame.top + 0.5 * self.frame.height
+        return np.array([x, y, self.depth])
 
     @property
     def foot(self) -> Array:
@@ -102,18 +106,18 @@ def pose_rows(place: Place, pixel_size: float | None) -> list[dict[str, str]]:
         x, y = _pierces(place)
         lean = float(np.hypot(turn, tilt) / np.sqrt(2.0))
         return [
-            _row("Lean of the pith from the normal of the face", *_degrees(np.pi / 2 - place.tilt_rad, lean)),
-            _row("Pith on the face, x", *_length(x, across, pixel_size)),
-            _row("Pith on the face, y", *_length(y, depth, pixel_size)),
+            row_of("Lean of the pith from the normal of the face", *_degrees(np.pi / 2 - place.tilt_rad, lean)),
+            row_of("Pith on the face, x", *_length(x, across, pixel_size)),
+            row_of("Pith on the face, y", *_length(y, depth, pixel_size)),
         ]
     # An axis has no sense: -89 and 91 degrees are the same turn.
     angle = float((np.arctan2(place.pith[0], -place.pith[1]) + np.pi / 2) % np.pi - np.pi / 2)
     away = place.foot - place.centre
     return [
-        _row("Turn of the pith in the face, from upright, clockwise", *_degrees(angle, turn)),
-        _row("Tilt of the pith out of the face", *_degrees(place.tilt_rad, tilt)),
-        _row("Pith beside the middle of the face", *_length(float(np.hypot(away[0], away[1])), across, pixel_size)),
-        _row("Pith below the face", *_length(float(away[2]), depth, pixel_size)),
+        row_of("Turn of the pith in the face, from upright, clockwise", *_degrees(angle, turn)),
+        row_of("Tilt of the pith out of the face", *_degrees(place.tilt_rad, tilt)),
+        row_of("Pith beside the middle of the face", *_length(float(np.hypot(away[0], away[1])), across, pixel_size)),
+        row_of("Pith below the face", *_length(float(away[2]), depth, pixel_size)),
     ]
 
 
@@ -149,7 +153,8 @@ def _pierces(place: Place) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def _row(name: str, value: str, spread: str) -> dict[str, str]:
+def row_of(name: str, value: str, spread: str) -> dict[str, str]:
+    """A line of the table."""
     return {"name": name, "value": value, "spread": spread}
 
 

@@ -12,8 +12,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from pipeline.report.pictures import LONGER_SIDE, Bytes, block_mean, fit, srgb_bytes
+from pipeline.report.sheet import BlockView
+from stages.faces import UNIT
 from stages.stage import Variable
-from stages.variables import ENCODED, PIXEL_SIZE, RGB, VALID
+from stages.variables import ENCODED, FACE_PLANE, PIXEL_SIZE, RGB, VALID
 
 Array = npt.NDArray[Any]
 
@@ -49,9 +51,12 @@ class Scan:
     ----------
     ds
         Merged results of the stages.
+    block
+        Where the faces lie, when they are a block's; its images then are those of the sheet.
     """
 
     ds: xr.Dataset
+    block: BlockView | None = None
     _kept: dict[str, Array] = field(default_factory=dict)
 
     def has(self, *variables: Variable) -> bool:
@@ -64,11 +69,16 @@ class Scan:
 
     @property
     def pixel_size(self) -> float | None:
-        """Millimetres per scan px, if known."""
+        """Millimetres, or units of the block, per scan px, if known."""
         if not self.has(PIXEL_SIZE):
             return None
         size = float(self.values(PIXEL_SIZE))
         return size if np.isfinite(size) and size > 0 else None
+
+    @property
+    def unit(self) -> str:
+        """What lengths are in when the size of a px is known."""
+        return str(self.ds[FACE_PLANE.name].attrs.get(UNIT, "") if self.has(FACE_PLANE) else "") or "mm"
 
     @property
     def frame(self) -> Frame | None:

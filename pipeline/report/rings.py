@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +14,16 @@ from pipeline.report.labels import Name, place_labels
 from pipeline.report.palettes import ring_color
 from pipeline.report.pictures import Picture, fit, jpeg
 from pipeline.report.reading import Frame, Scan
-from stages.variables import RING_CLOSED, RING_CONFIDENCE, RING_GROUP, RING_INDEX, RING_X, RING_Y, VERTEX_COUNT
+from stages.variables import (
+    RING_AGE_SHIFT,
+    RING_CLOSED,
+    RING_CONFIDENCE,
+    RING_GROUP,
+    RING_INDEX,
+    RING_X,
+    RING_Y,
+    VERTEX_COUNT,
+)
 
 Array = npt.NDArray[Any]
 
@@ -61,12 +71,16 @@ def rings_of(scan: Scan) -> list[Ring] | None:
     closed = scan.values(RING_CLOSED) if scan.has(RING_CLOSED) else np.zeros(len(index), bool)
     group = scan.values(RING_GROUP) if scan.has(RING_GROUP) else np.zeros(len(index), int)
     pieces = np.split(points, np.cumsum(scan.values(VERTEX_COUNT))[:-1]) if len(index) else []
-    rows = zip(index, confidence, closed, group, pieces, strict=True)
-    return [Ring(int(i), float(c), bool(k), int(g) == 0, p) for i, c, k, g, p in rows if len(p)]
+    counted = group == 0
+    if scan.block is not None and scan.has(RING_AGE_SHIFT):
+        # Each face was counted on its own; in the block a ring has one number on all faces.
+        index, counted = index + scan.values(RING_AGE_SHIFT)[group], np.ones(len(group), bool)
+    rows = zip(index, confidence, closed, counted, pieces, strict=True)
+    return [Ring(int(i), float(c), bool(k), bool(g), p) for i, c, k, g, p in rows if len(p)]
 
 
-def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
-    """The photograph, with rings if they were traced."""
+def ring_section(scan: Scan, name: str, faces: Sequence[str] = ()) -> dict[str, Any] | None:
+    """The photograph, or those of a block's faces with their names, with rings if they were traced."""
     photograph, frame = scan.photograph(), scan.frame
     if photograph is None or frame is None:
         return None
@@ -82,6 +96,7 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
         "narrow": [],
         "unsure": 0,
         "count": 0,
+        "faces": _face_names(scan, frame, faces),
     }
     if not rings:
         return section
@@ -105,6 +120,19 @@ def ring_section(scan: Scan, name: str) -> dict[str, Any] | None:
     section["guessed"] = sum(not ring.counted for ring in rings)
     section["first"], section["last"] = min(r.index for r in rings), max(r.index for r in rings)
     return section
+
+
+def _face_names(scan: Scan, frame: Frame, faces: Sequence[str]) -> list[dict[str, str]]:
+    """Name of each face and the place of its upper left corner, per cent."""
+    places = () if scan.block is None else scan.block.places
+    return [
+        {
+            "text": name,
+            "left": f"{100 * (x - frame.left) / frame.width:.2f}",
+            "top": f"{100 * (y - frame.top) / frame.height:.2f}",
+        }
+        for name, (x, y) in zip(faces, places, strict=True)
+    ]
 
 
 def shown_size(frame: Frame) -> dict[str, float]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import xarray as xr
 
 from pipeline.context import ProductContext
+from pipeline.report.anomalies import anomaly_section
 from pipeline.report.compare import compare_section
 from pipeline.report.dendro import dendro_section
 from pipeline.report.fitting import fit_section
@@ -16,6 +18,7 @@ from pipeline.report.reading import Scan
 from pipeline.report.rings import ring_section, thumbnail
 from pipeline.report.series_plots import DrawnSeries
 from pipeline.report.series_reading import drawn_series
+from pipeline.report.sheet import block_view
 from pipeline.report.solid import solid_section
 from pipeline.report.strip import strip_section
 from pipeline.report.tables import number_text, seconds_text, stage_rows
@@ -40,17 +43,18 @@ def render_scan(ds: xr.Dataset, context: ProductContext) -> str:
     str
         A page that needs nothing beside it.
     """
-    scan = Scan(ds)
+    scan = Scan(*block_view(ds))
     name = context.scan.name
     sections: dict[str, Any] = {
-        "rings": ring_section(scan, name),
+        "rings": ring_section(scan, name, context.faces),
         "series": dendro_section(scan, _series(scan, context)),
+        "anomalies": anomaly_section(scan),
         "maps": map_figures(scan),
         "compare": compare_section(scan),
         "solid": solid_section(scan),
         "strip": strip_section(scan),
         "fit": fit_section(scan),
-        "pose": pose_section(scan),
+        "pose": pose_section(scan, context.faces),
         "stages": stage_rows(context),
     }
     return render(
@@ -60,7 +64,8 @@ def render_scan(ds: xr.Dataset, context: ProductContext) -> str:
         thumbnail=thumbnail(scan, name),
         facts=_facts(scan, context, sections),
         total=seconds_text(sum(context.seconds.values())),
-        has_rings=scan.has(RING_X),
+        has_rings=scan.has(RING_X) and scan.block is None,
+        faces=[{"name": face, "link": quote(face)} for face in context.faces],
         has_series=sections["series"] is not None,
         has_texture=sections["solid"] is not None,
         last_stage=list(context.keys)[-1] if context.keys else "",
@@ -70,8 +75,10 @@ def render_scan(ds: xr.Dataset, context: ProductContext) -> str:
 
 
 def _series(scan: Scan, context: ProductContext) -> list[DrawnSeries]:
-    """Measured series, none before they were measured."""
-    return drawn_series(series_document_of(scan.ds, context)) if scan.has(*SERIES.requires) else []
+    """Measured series, none before they were measured, and none of a block: they are those of its faces."""
+    if scan.block is not None or not scan.has(*SERIES.requires):
+        return []
+    return drawn_series(series_document_of(scan.ds, context))
 
 
 def _facts(scan: Scan, context: ProductContext, sections: dict[str, Any]) -> list[dict[str, str]]:
@@ -87,7 +94,9 @@ def _facts(scan: Scan, context: ProductContext, sections: dict[str, Any]) -> lis
         px = f"{width:.1f} px"
         facts.append(
             _fact(
-                "Ring width", px if size is None else f"{width * size:.2f} mm", "scale unknown" if size is None else px
+                "Ring width",
+                px if size is None else f"{width * size:.3g} {scan.unit}",
+                "scale unknown" if size is None else px,
             )
         )
     if sections["pose"] is not None:
@@ -97,7 +106,12 @@ def _facts(scan: Scan, context: ProductContext, sections: dict[str, Any]) -> lis
     if fit is not None and fit["residual"] is not None:
         facts.append(_fact("Residual", f"{fit['residual']['median']} ring", f"95 % below {fit['residual']['most']}"))
     frame = scan.frame
-    if frame is not None:
+    if scan.block is not None:
+        low, high = scan.block.box
+        size = scan.pixel_size or 1.0
+        extent = " \u00d7 ".join(f"{side * size:.3g}" for side in high - low)
+        facts.append(_fact("Faces", str(len(scan.block.sizes)), f"{extent} {scan.unit if scan.pixel_size else 'px'}"))
+    elif frame is not None:
         note = "scale unknown" if scan.pixel_size is None else f"{25.4 / scan.pixel_size:.0f} dpi"
         facts.append(
             _fact(

@@ -32,10 +32,10 @@ def solid_section(scan: Scan) -> dict[str, Any] | None:
     if frame is None or not scan.has(*TEXTURE.requires):
         return None
 
-    box = block_of(frame)
+    box = box_of(scan, frame)
     picture = draw_block(solid_texture_of(scan.ds), box, _LONGER_PX)
     size = box.high - box.low
-    unit, factor = ("px", 1.0) if scan.pixel_size is None else ("mm", scan.pixel_size)
+    unit, factor = ("px", 1.0) if scan.pixel_size is None else (scan.unit, scan.pixel_size)
     text = " \u00d7 ".join(f"{side * factor:.3g}" for side in size)
     return {
         "picture": jpeg(
@@ -46,7 +46,18 @@ def solid_section(scan: Scan) -> dict[str, Any] | None:
             fine_color=True,
         ),
         "size": f"{text} {unit}",
+        "seen": "The front is the photographed face; all else was never seen."
+        if scan.block is None
+        else "What the cut corner opens was never seen.",
     }
+
+
+def box_of(scan: Scan, frame: Frame) -> Box:
+    """What is drawn: the block that the faces enclose, or a photographed face with some depth."""
+    if scan.block is None:
+        return block_of(frame)
+    low, high = scan.block.box
+    return Box(low, high, 0.45 * (high - low))
 
 
 def block_of(frame: Frame) -> Box:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from pipeline.report.block_place import block_rows, block_words, place_in_block
 from pipeline.report.placing import Place, cut_of, open_words, place_of, pose_rows
 from pipeline.report.plots import ACCENT, INK, MUTED, RULE, WOOD, svg
 from pipeline.report.reading import Scan
-from pipeline.report.solid import block_of
+from pipeline.report.solid import box_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,21 +23,38 @@ Array = npt.NDArray[Any]
 _MOST_RINGS = 90
 
 
-def pose_section(scan: Scan) -> dict[str, Any] | None:
-    """Drawings, numbers and words about the pose; ``None`` when it was not found."""
+def pose_section(scan: Scan, names: Sequence[str] = ()) -> dict[str, Any] | None:
+    """Drawings, numbers and words about the pose; ``None`` when it was not found.
+
+    Parameters
+    ----------
+    scan
+        A scan, or a block.
+    names
+        Of the block's faces.
+    """
     place = place_of(scan)
     if place is None:
         return None
-    cut = cut_of(place)
+    outline = _corners(scan, place)
+    if scan.block is None:
+        cut, rows, words = cut_of(place), pose_rows(place, scan.pixel_size), open_words(place)
+    else:
+        place = place_in_block(place, scan.block)
+        cut, words = f"a block of {len(names)} face{'s' * (len(names) > 1)}", block_words(place, scan.block)
+        rows = block_rows(place, scan.block, names, scan.pixel_size, scan.unit)
     return {
         "across": svg(
-            "across", f"The trunk seen along the pith, with the board in it: {cut}.", (300, 300), _across(place)
+            "across",
+            f"The trunk seen along the pith, with the board in it: {cut}.",
+            (300, 300),
+            _across(place, *outline),
         ),
-        "along": svg("along", "The trunk and the board seen from the side.", (300, 300), _along(place)),
-        "rows": pose_rows(place, scan.pixel_size),
-        "words": open_words(place),
+        "along": svg("along", "The trunk and the board seen from the side.", (300, 300), _along(place, *outline)),
+        "rows": rows,
+        "words": words,
         "cut": cut,
-        "widths": _widths(place, scan.pixel_size),
+        "widths": _widths(place, scan.pixel_size, scan.unit),
     }
 
 
@@ -53,28 +72,30 @@ def _section_axes(place: Place) -> Array:
     return views[int(np.argmax(scores))]
 
 
-def _corners(place: Place) -> tuple[Array, Array]:
-    """Corners of the face, in order around it, (4, 3), and of its block, (8, 3), tree frame, px."""
-    box = block_of(place.frame)
+def _corners(scan: Scan, place: Place) -> tuple[Array, Array]:
+    """Corners of the faces, in order around each, (F, 4, 3), and of their block, (8, 3), tree frame, px."""
+    box = box_of(scan, place.frame)
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     size = box.high - box.low
-    face = place.tree(box.low + square * size)
-    back = place.tree(box.low + (square + np.array([0, 0, 1])) * size)
-    return face, np.concatenate([face, back])
+    front, back = box.low + square * size, box.low + (square + np.array([0, 0, 1])) * size
+    faces = front[None] if scan.block is None else scan.block.corners
+    return place.tree(faces), place.tree(np.concatenate([front, back]))
 
 
 def _hull(points: Array) -> Array:
     return np.asarray(cv2.convexHull(points.astype(np.float32))[:, 0])
 
 
-def _board(axes: Axes, face: Array, block: Array) -> None:
+def _board(axes: Axes, faces: Array, block: Array) -> None:
     axes.fill(*_hull(block).T, facecolor=WOOD, edgecolor=MUTED, linewidth=0.8, alpha=0.55, zorder=3)
-    axes.fill(*face.T, facecolor="none", edgecolor=ACCENT, linewidth=2.2, zorder=4, joinstyle="round")
+    width = 2.2 if len(faces) == 1 else 1.3
+    for face in faces:
+        axes.fill(*face.T, facecolor="none", edgecolor=ACCENT, linewidth=width, zorder=4, joinstyle="round")
 
 
-def _across(place: Place) -> Any:
+def _across(place: Place, faces: Array, block: Array) -> Any:
     view = _section_axes(place)
-    face, block = (corners @ view.T for corners in _corners(place))
+    faces, block = faces @ view.T, block @ view.T
     radii = place.radii[place.radii > 0]
     stride = max(1, int(np.ceil(len(radii) / _MOST_RINGS)))
     outer = max(float(radii.max()) if len(radii) else 0.0, float(np.hypot(*block.T).max()) if not len(radii) else 0.0)
@@ -87,21 +108,21 @@ def _across(place: Place) -> Any:
                 radius * np.cos(turn), radius * np.sin(turn), color=MUTED, linewidth=0.9 if bold else 0.4, alpha=0.75
             )
         axes.plot(0, 0, marker="+", color=INK, markersize=8, zorder=5)
-        _board(axes, face, block)
-        reach = np.concatenate([face, [[-outer, -outer], [outer, outer]]])
+        _board(axes, faces, block)
+        reach = np.concatenate([*faces, [[-outer, -outer], [outer, outer]]])
         _frame(axes, reach)
 
     return draw
 
 
-def _along(place: Place) -> Any:
+def _along(place: Place, faces: Array, block: Array) -> Any:
     board = place.board_to_tree[:3, :3]
     normal, middle = board[:, 2], place.tree(place.centre)
     across = normal if np.hypot(normal[0], normal[1]) > 0.3 else middle
     length = float(np.hypot(across[0], across[1]))
     right = np.array([across[0], across[1], 0.0]) / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
     down = np.array([0.0, 0.0, -1.0 if board[2, 1] < 0 else 1.0])
-    face, block = (corners @ np.stack([right, down]).T for corners in _corners(place))
+    faces, block = (corners @ np.stack([right, down]).T for corners in (faces, block))
     outer = float(place.radii.max()) if len(place.radii) else float(np.abs(block[:, 0]).max())
 
     def draw(axes: Axes) -> None:
@@ -110,7 +131,7 @@ def _along(place: Place) -> Any:
         low, high = middle - max(outer, half), middle + max(outer, half)
         axes.fill([-outer, outer, outer, -outer], [low, low, high, high], facecolor=RULE, alpha=0.35, linewidth=0)
         axes.plot([0, 0], [low, high], color=INK, linewidth=1.0, linestyle=(0, (6, 3, 1.5, 3)))
-        _board(axes, face, block)
+        _board(axes, faces, block)
         _frame(axes, np.array([[-outer, low], [outer, high]]))
 
     return draw
@@ -124,11 +145,11 @@ def _frame(axes: Axes, reach: Array) -> None:
     axes.set(xlim=(low[0] - rim, high[0] + rim), ylim=(high[1] + rim, low[1] - rim))
 
 
-def _widths(place: Place, pixel_size: float | None) -> str | None:
+def _widths(place: Place, pixel_size: float | None, length: str) -> str | None:
     """Ring widths of the fitted tree over the ring's number."""
     if len(place.radii) < 3:
         return None
-    unit, factor = ("px", 1.0) if pixel_size is None else ("mm", pixel_size)
+    unit, factor = ("px", 1.0) if pixel_size is None else (length, pixel_size)
     widths = np.diff(place.radii) * factor
 
     def draw(axes: Axes) -> None:
