@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from woodfit import zarr_zip
-from woodfit.cylinder_grid import CylinderGrid, cylindrical, sample
-
-FORMAT = "woodpipe solid texture"
-FORMAT_VERSION = 1
+from woodfit import texture_file
+from woodfit.cylinder_grid import CylinderGrid, cylindrical, sample, widening
+from woodfit.fine_grain import FineGrain
 
 #: Points evaluated at a time: keeps the temporaries in the cache and the memory flat.
 _BATCH = 1 << 17
 
 #: Whole rings repeated, mirrored in nothing, where the wood goes on beyond the last one that the face shows.
 _REPEAT = 8
+
+
+#: A grid less high than this comes from a face at right angles to the pith, which does not show how layers lean.
+_FLAT_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,37 @@ class WoodSample:
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where points lie in the tree.
+
+    Attributes
+    ----------
+    distance : float64 array of shape (K,)
+        Distance r from the pith line, px.
+    radius : float64 array of shape (K,)
+        Ideal radius of their growth layer, ``r + m_r``, px.
+    azimuth, height : float64 arrays of shape (K,)
+        rad and px.
+    outward : float64 array of shape (K, 3)
+        Unit vector away from the pith, board frame.
+    fiber : float32 array of shape (K, 3)
+        Unit vector along the fibre, board frame.
+    """
+
+    distance: npt.NDArray[np.float64]
+    radius: npt.NDArray[np.float64]
+    azimuth: npt.NDArray[np.float64]
+    height: npt.NDArray[np.float64]
+    outward: npt.NDArray[np.float64]
+    fiber: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
 class SolidTexture:
     """A solid wood texture.
 
     ``age(q) = F(r + m_r(r, azimuth, height))`` with ``r`` the distance from the pith line and ``F`` the inverse of
-    the table of ring radii; ``color = strip(age)``.
+    the table of ring radii; ``color = strip(age) exp(L)`` with ``L`` the fine grain.
 
     Attributes
     ----------
@@ -73,9 +101,15 @@ class SolidTexture:
     samples_per_ring : int
         Of the strips.
     pixel_size : float or None
-        mm per px; None when no scale is known, and then points are px.
+        Size of a px in `length_unit`; None when no scale is known, and then points are px.
     attributes : dict
         Anything else worth keeping with the texture (JSON).
+    length_unit : str
+        Unit of points when `pixel_size` is known: mm, or that of a block's own frame.
+    stem : array of shape (3,)
+        bend_x, bend_y and taper of the stem in 1/px (`woodfit.cylinder_grid.cylindrical`).
+    fine_grain : FineGrain
+        Streaks, pores and rays beside the color of the rings.
     """
 
     board_to_tree: npt.NDArray[np.float64]
@@ -87,24 +121,29 @@ class SolidTexture:
     samples_per_ring: int
     pixel_size: float | None = None
     attributes: dict[str, Any] = field(default_factory=dict)
+    length_unit: str = "mm"
+    stem: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    fine_grain: FineGrain = field(default_factory=FineGrain.none)
 
     @cached_property
     def unit(self) -> str:
-        """Unit of points: ``"mm"``, or ``"px"`` when no scale is known."""
-        return "px" if self.pixel_size is None else "mm"
+        """Unit of points: ``"px"`` when no scale is known, else `length_unit`."""
+        return "px" if self.pixel_size is None else self.length_unit
 
     @cached_property
     def _mean_width(self) -> float:
         count = len(self.ring_radius)
         return float((self.ring_radius[-1] - self.ring_radius[max(0, count - 11)]) / max(1, min(10, count - 1)))
 
-    def evaluate(self, points: npt.ArrayLike) -> WoodSample:
+    def evaluate(self, points: npt.ArrayLike, detail: bool = True) -> WoodSample:
         """Wood at points of the board frame.
 
         Parameters
         ----------
         points : array_like of shape (..., 3)
-            x right, y down, z into the wood; in mm, or px when `pixel_size` is None.
+            x right, y down, z into the wood; in `unit`.
+        detail : bool
+            Whether the color has its fine grain; without, it is that of the rings alone.
 
         Returns
         -------
@@ -125,8 +164,12 @@ class SolidTexture:
         rgb, fiber = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
         for start in range(0, count, _BATCH):
             part = slice(start, start + _BATCH)
-            age[part], fiber[part] = self._grow(flat[part])
+            place = self.place(flat[part])
+            age[part], fiber[part] = self._age(place.radius), place.fiber
             rgb[part], late[part] = self._color(age[part])
+            if detail and not self.fine_grain.empty:
+                radius = self.fiber_radius(place)
+                rgb[part] *= np.exp(self.fine_grain.log_factor(radius, place.azimuth, place.height, late[part]))
         index = np.floor(age).astype(np.int64)
         shape = array.shape[:-1]
         return WoodSample(
@@ -138,18 +181,42 @@ class SolidTexture:
             fiber.reshape(*shape, 3),
         )
 
-    def _grow(self, points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float32]]:
-        """Ring age and fibre direction at points (K, 3) in px."""
-        r, azimuth, height = cylindrical(points, self.board_to_tree)
+    def place(self, points: npt.NDArray[np.float64]) -> Place:
+        """Where points (K, 3) of the board frame, in px, lie in the tree."""
+        r, azimuth, height = cylindrical(points, self.board_to_tree, self.stem)
         moved, slope_r, slope_h = sample(self.grid, self.displacement, r, azimuth, height)
-        age = self._age(r + moved)
         # The fibre stays within its growth layer: where the layers lean outwards with height, it leans with them.
         lean = -slope_h / np.maximum(1.0 + slope_r, 0.05)
+        if np.ptp(self.grid.height) < _FLAT_PX:
+            lean = np.zeros_like(lean)
+        bend_x, bend_y, taper = (float(part) for part in self.stem)
+        if taper:
+            wide = widening(height, taper)
+            lean = lean / wide - np.where(wide > 0.05, taper, 0.0) * r / wide**2
         rotation = self.board_to_tree[:3, :3]
         outward = np.cos(azimuth)[:, None] * rotation[0] + np.sin(azimuth)[:, None] * rotation[1]
         fiber = rotation[2] + lean[:, None] * outward
+        if bend_x or bend_y:
+            fiber = fiber + (2.0 * height)[:, None] * (bend_x * rotation[0] + bend_y * rotation[1])
         fiber /= np.linalg.norm(fiber, axis=1, keepdims=True)
-        return age, fiber.astype(np.float32)
+        return Place(
+            r.astype(np.float64),
+            np.asarray(r + moved, np.float64),
+            azimuth.astype(np.float64),
+            height.astype(np.float64),
+            outward,
+            fiber.astype(np.float32),
+        )
+
+    def fiber_radius(self, place: Place) -> npt.NDArray[np.float64]:
+        """Radius (px) of the fibre through places, where it passes through the middle of the grid's height; (K,).
+
+        Constant along a fibre like the ideal radius, but with the true widths across: what stretches one ring and
+        presses another does not do so to the fibres.
+        """
+        middle = np.full_like(place.height, 0.5 * (self.grid.height[0] + self.grid.height[-1]))
+        there, _, _ = sample(self.grid, self.displacement, place.distance, place.azimuth, middle)
+        return np.asarray(place.radius - there, dtype=np.float64)
 
     def _age(self, radius: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         table = self.ring_radius
@@ -181,25 +248,7 @@ class SolidTexture:
 
     def save(self, path: str | Path) -> None:
         """Write the texture to one self-contained file (``.zarr.zip``; see docs/solid_texture.md)."""
-        arrays: dict[str, npt.NDArray[Any]] = {
-            "board_to_tree": np.asarray(self.board_to_tree, np.float64),
-            "displacement": np.asarray(self.displacement, np.float32),
-            "ring_radius": np.asarray(self.ring_radius, np.float64),
-            "color_strip": np.asarray(self.color_strip, np.float32),
-            "lateness_strip": np.asarray(self.lateness_strip, np.float32),
-            "grid_radius": self.grid.radius,
-            "grid_azimuth": self.grid.azimuth,
-            "grid_height": self.grid.height,
-        }
-        attributes = {
-            "format": FORMAT,
-            "format_version": FORMAT_VERSION,
-            "pixel_size_mm": self.pixel_size,
-            "samples_per_ring": self.samples_per_ring,
-            "azimuth_wraps": self.grid.wraps,
-            **self.attributes,
-        }
-        zarr_zip.write(Path(path), arrays, attributes)
+        texture_file.write(self, Path(path))
 
     @classmethod
     def open(cls, path: str | Path) -> SolidTexture:
@@ -210,50 +259,4 @@ class SolidTexture:
         woodfit.zarr_zip.TextureFileError
             When the file is missing, damaged, of another kind or of a later version.
         """
-        arrays, attributes = zarr_zip.read(Path(path))
-        if attributes.pop("format", None) != FORMAT:
-            raise zarr_zip.TextureFileError(f"{path}: a Zarr group, but not a {FORMAT}")
-        version = attributes.pop("format_version", None)
-        if version != FORMAT_VERSION:
-            raise zarr_zip.TextureFileError(
-                f"{path}: texture format version {version}, this woodpipe reads version {FORMAT_VERSION}"
-            )
-        try:
-            grid = CylinderGrid(
-                arrays["grid_radius"],
-                arrays["grid_azimuth"],
-                arrays["grid_height"],
-                bool(attributes.pop("azimuth_wraps")),
-            )
-            _check_shapes(arrays, grid)
-            size = attributes.pop("pixel_size_mm")
-            return cls(
-                arrays["board_to_tree"],
-                grid,
-                arrays["displacement"],
-                arrays["ring_radius"],
-                arrays["color_strip"],
-                arrays["lateness_strip"],
-                int(attributes.pop("samples_per_ring")),
-                None if size is None else float(size),
-                attributes,
-            )
-        except KeyError as missing:
-            raise zarr_zip.TextureFileError(f"{path}: the texture lacks {missing}") from None
-        except (TypeError, ValueError) as wrong:
-            raise zarr_zip.TextureFileError(f"{path}: the texture is damaged ({wrong})") from None
-
-
-def _check_shapes(arrays: dict[str, npt.NDArray[Any]], grid: CylinderGrid) -> None:
-    """Raise `ValueError` when the arrays of a file do not fit each other."""
-    samples, rings = max(2, len(arrays["color_strip"])), max(2, len(arrays["ring_radius"]))
-    expected = {
-        "board_to_tree": (4, 4),
-        "displacement": tuple(max(2, n) for n in grid.shape),
-        "ring_radius": (rings,),
-        "color_strip": (samples, 3),
-        "lateness_strip": (samples,),
-    }
-    for name, shape in expected.items():
-        if arrays[name].shape != shape:
-            raise ValueError(f"`{name}` has shape {arrays[name].shape}, expected {shape}")
+        return cls(**texture_file.read(Path(path)))
