@@ -223,9 +223,7 @@ def _ending_together(series: Sequence[RingSeries]) -> Sequence[RingSeries]:
         return series
     outside = [one.unmeasured_outer or 0 for one in series]
     bark = max(len(one) + rings for one, rings in zip(series, outside, strict=True))
-    return [
-        replace(one, first_year=bark - rings - len(one) + 1) for one, rings in zip(series, outside, strict=True)
-    ]
+    return [replace(one, first_year=bark - rings - len(one) + 1) for one, rings in zip(series, outside, strict=True)]
 
 
 def _write_series(target: Path, series: Sequence[RingSeries], dumps: Dumps, exported: Exported) -> None:

@@ -6,20 +6,25 @@ import numpy as np
 import xarray as xr
 from pydantic import PositiveFloat, PositiveInt
 
-from stages.polylines import vertex_ages
+from stages.polylines import face_frame, vertex_ages, vertex_weights
 from stages.stage import Params, scalar, stage
 from stages.variables import (
+    ANOMALY,
     AZIMUTH_WRAPS,
     BOARD_TO_TREE,
     DISPLACEMENT,
+    FACE_PLANE,
+    FACE_TOP,
     RING_AGE_SHIFT,
+    RING_AGE_SIGN,
     RING_GROUP,
     RING_INDEX,
     RING_RADIUS,
-    RING_SCALE,
+    RING_WIDTH,
     RING_X,
     RING_Y,
-    VALUE,
+    STEM,
+    VALID,
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
@@ -28,14 +33,17 @@ from stages.variables import (
 class InitialDistortionParams(Params):
     """Parameters of `initial_distortion`."""
 
-    spacing_rings: PositiveFloat = 0.5
-    """Spacing of the displacement grid in characteristic ring widths (never under six px)."""
+    spacing_rings: PositiveFloat = 0.35
+    """Spacing of the displacement grid along the radius in mean ring widths (never under three px)."""
+
+    wider: PositiveFloat = 2.0
+    """Spacing along the arc and along the stem, over that along the radius."""
 
     most_nodes: PositiveInt = 120_000
     """Bound on the number of grid nodes; the spacing widens to keep it."""
 
     stiffness_rings: PositiveFloat = 1.0
-    """Length over which the displacement is smoothed, in characteristic ring widths."""
+    """Length over which the displacement is smoothed, in mean ring widths."""
 
     along_stem: PositiveFloat = 2.0
     """How much stiffer the displacement is along the stem than across it."""
@@ -43,7 +51,10 @@ class InitialDistortionParams(Params):
 
 @stage(
     requires=(
-        VALUE,
+        FACE_PLANE,
+        FACE_TOP,
+        VALID,
+        ANOMALY,
         RING_X,
         RING_Y,
         VERTEX_CONFIDENCE,
@@ -51,33 +62,31 @@ class InitialDistortionParams(Params):
         RING_INDEX,
         RING_GROUP,
         RING_AGE_SHIFT,
+        RING_AGE_SIGN,
         RING_RADIUS,
         BOARD_TO_TREE,
-        RING_SCALE,
+        STEM,
+        RING_WIDTH,
     ),
     provides=(DISPLACEMENT, AZIMUTH_WRAPS),
-    version=1,
+    version=2,
     params=InitialDistortionParams,
+    sees_block=True,
 )
 def initial_distortion(ds: xr.Dataset, params: InitialDistortionParams) -> xr.Dataset:
     """Carry the difference between traced and ideal rings from the face into the tree's coordinates."""
-    from woodfit import displacement, face
+    from woodfit import displacement
 
-    ring = scalar(ds, RING_SCALE)
-    matrix = ds[BOARD_TO_TREE.name].values
-    grid = face.grid_of_face(
-        ds.coords["x"].values,
-        ds.coords["y"].values,
-        matrix,
-        max(6.0, params.spacing_rings * ring),
-        params.most_nodes,
-    )
-    vertices = face.observe(
+    ring, frame = scalar(ds, RING_WIDTH), face_frame(ds)
+    x, y, valid = ds.coords["x"].values, ds.coords["y"].values, ds[VALID.name].values
+    # The one face of a scan is covered whole, background and hidden parts too; an atlas only where there is wood.
+    shown = valid if ds.sizes["face"] > 1 else np.ones_like(valid)
+    grid = frame.grid(x, y, shown, max(3.0, params.spacing_rings * ring), params.most_nodes, params.wider)
+    vertices = frame.observe(
         ds[RING_X.name].values,
         ds[RING_Y.name].values,
-        matrix,
-        vertex_ages(ds, RING_INDEX.name, RING_GROUP.name, RING_AGE_SHIFT.name),
-        np.maximum(ds[VERTEX_CONFIDENCE.name].values, 0.02),
+        vertex_ages(ds),
+        vertex_weights(ds),
     )
     field = displacement.initial_displacement(
         grid, vertices, ds[RING_RADIUS.name].values, params.stiffness_rings * ring, params.along_stem

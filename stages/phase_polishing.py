@@ -6,24 +6,29 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, PositiveFloat, PositiveInt
 
-from stages.polylines import vertex_ages
+from stages.polylines import face_frame, phase_signs, vertex_ages, vertex_weights
 from stages.stage import Params, stage
 from stages.variables import (
+    ANOMALY,
     AZIMUTH_WRAPS,
     BOARD_TO_TREE,
     DISPLACEMENT,
     FACE_AGE,
+    FACE_PLANE,
+    FACE_TOP,
     LOSS,
     PHASE_CONFIDENCE,
     PHASE_RESIDUAL,
     POLISHED_DISPLACEMENT,
     RING_AGE_SHIFT,
+    RING_AGE_SIGN,
     RING_GROUP,
     RING_INDEX,
     RING_PHASE,
     RING_RADIUS,
     RING_X,
     RING_Y,
+    STEM,
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
@@ -32,13 +37,13 @@ from stages.variables import (
 class PhasePolishingParams(Params):
     """Parameters of `phase_polishing`."""
 
-    stiffness_px: tuple[PositiveFloat, ...] = Field(default=(48.0, 16.0, 6.0, 2.0, 1.0, 0.5), min_length=1)
+    stiffness_px: tuple[PositiveFloat, ...] = Field(default=(48.0, 12.0, 3.0, 0.8, 0.2, 0.05), min_length=1)
     """Smoothing length of each Gauss-Newton step, coarse to fine, px."""
 
     along_stem: PositiveFloat = 2.0
     """How much stiffer the displacement is along the stem than across it."""
 
-    boundary_share: PositiveFloat = 0.5
+    boundary_share: PositiveFloat = 0.1
     """Weight of all boundary vertices together, relative to all pixels together."""
 
     most_pixels: PositiveInt = 150_000
@@ -47,6 +52,9 @@ class PhasePolishingParams(Params):
 
 @stage(
     requires=(
+        FACE_PLANE,
+        FACE_TOP,
+        ANOMALY,
         RING_PHASE,
         PHASE_CONFIDENCE,
         RING_X,
@@ -56,41 +64,45 @@ class PhasePolishingParams(Params):
         RING_INDEX,
         RING_GROUP,
         RING_AGE_SHIFT,
+        RING_AGE_SIGN,
         RING_RADIUS,
         BOARD_TO_TREE,
+        STEM,
         DISPLACEMENT,
         AZIMUTH_WRAPS,
     ),
     provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
-    version=1,
+    version=2,
     params=PhasePolishingParams,
+    sees_block=True,
 )
 def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
     """Minimise the cyclic phase difference between the face and the model over the displacement."""
-    from woodfit import cylinder_grid, displacement, face
+    from woodfit import cylinder_grid, displacement
+    from woodfit.anomalies import SOUND, STAIN
+    from woodfit.face import stride_for
     from woodfit.rings import wrap
 
-    start = ds[DISPLACEMENT.name]
+    start, frame = ds[DISPLACEMENT.name], face_frame(ds)
     radius, azimuth, height = (start.coords[name].values for name in ("radius", "azimuth", "height"))
     grid = cylinder_grid.CylinderGrid(radius, azimuth, height, bool(ds[AZIMUTH_WRAPS.name]))
-    x, y, matrix = ds.coords["x"].values, ds.coords["y"].values, ds[BOARD_TO_TREE.name].values
-    table = ds[RING_RADIUS.name].values
-    phase, belief = ds[RING_PHASE.name].values, ds[PHASE_CONFIDENCE.name].values
-    every = face.stride_for(phase.size, params.most_pixels)
+    x, y, table = ds.coords["x"].values, ds.coords["y"].values, ds[RING_RADIUS.name].values
+    phase = ds[RING_PHASE.name].values * phase_signs(ds)[:, None].astype(np.float32)
+    belief = ds[PHASE_CONFIDENCE.name].values * np.isin(ds[ANOMALY.name].values, (SOUND, STAIN))
+    every = stride_for(phase.size, params.most_pixels)
     grid_x, grid_y = np.meshgrid(x[::every], y[::every])
-    pixels = face.observe(
-        grid_x.ravel(),
-        grid_y.ravel(),
-        matrix,
-        phase[::every, ::every].ravel(),
-        belief[::every, ::every].ravel() ** 2 * every**2,
+    seen = belief[::every, ::every] > 0.0
+    pixels = frame.observe(
+        grid_x[seen],
+        grid_y[seen],
+        phase[::every, ::every][seen],
+        belief[::every, ::every][seen] ** 2 * every**2,
     )
-    vertices = face.observe(
+    vertices = frame.observe(
         ds[RING_X.name].values,
         ds[RING_Y.name].values,
-        matrix,
-        vertex_ages(ds, RING_INDEX.name, RING_GROUP.name, RING_AGE_SHIFT.name),
-        np.maximum(ds[VERTEX_CONFIDENCE.name].values, 0.02),
+        vertex_ages(ds),
+        vertex_weights(ds),
     )
     polished = displacement.polish(
         grid,
@@ -102,7 +114,7 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         params.along_stem,
         params.boundary_share,
     )
-    age = face.face_age(x, y, matrix, grid, polished.displacement, table)
+    age = frame.age(x, y, grid, polished.displacement, table)
     residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
     sure = np.abs(residual[belief > 0.5])
     figures = {"loss": round(float(polished.loss[-1]), 4)}

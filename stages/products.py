@@ -19,6 +19,15 @@ from stages.variables import (
     BOARD_TO_TREE,
     BRIGHT_OUTWARDS,
     COLOR_STRIP,
+    FACE_PLANE,
+    FACE_TOP,
+    FINE_GRAIN_AMPLITUDE,
+    FINE_GRAIN_CELLS,
+    FINE_GRAIN_COLOR,
+    FINE_GRAIN_DENSITY,
+    FINE_GRAIN_KIND,
+    FINE_GRAIN_LOG_MEAN,
+    FINE_GRAIN_SEED,
     GROWTH_SURENESS,
     LATENESS_STRIP,
     OUTERMOST_COMPLETE,
@@ -35,11 +44,13 @@ from stages.variables import (
     RING_Y,
     SAMPLES_PER_RING,
     SERIES_VARIABLES,
+    STEM,
     VALID,
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
 from woodfit.cylinder_grid import CylinderGrid
+from woodfit.fine_grain import FineGrain
 from woodfit.solid_texture import SolidTexture
 
 
@@ -126,7 +137,7 @@ def series_document_of(ds: xr.Dataset, context: Any) -> dict[str, Any]:
 
 
 def solid_texture_of(ds: xr.Dataset) -> SolidTexture:
-    """Solid texture from the results of all stages."""
+    """Solid texture from the results of all stages; without fine grain where that was not fitted yet."""
     field = ds[POLISHED_DISPLACEMENT.name]
     radius, azimuth, height = (field.coords[name].values for name in ("radius", "azimuth", "height"))
     grid = CylinderGrid(radius, azimuth, height, bool(ds[AZIMUTH_WRAPS.name]))
@@ -141,12 +152,43 @@ def solid_texture_of(ds: xr.Dataset) -> SolidTexture:
         samples_per_ring=int(scalar(ds, SAMPLES_PER_RING)),
         pixel_size=size if np.isfinite(size) else None,
         attributes={"face_size_px": [int(n) * int(scalar(ds, REDUCTION)) for n in ds[VALID.name].shape[::-1]]},
+        length_unit=ds[FACE_PLANE.name].attrs.get("block_unit") or "mm",
+        stem=ds[STEM.name].values,
+        fine_grain=_fine_grain_of(ds) if FINE_GRAIN_KIND.name in ds else FineGrain.none(),
+    )
+
+
+def _fine_grain_of(ds: xr.Dataset) -> FineGrain:
+    return FineGrain(
+        kind=ds[FINE_GRAIN_KIND.name].values,
+        cells=ds[FINE_GRAIN_CELLS.name].values,
+        density=ds[FINE_GRAIN_DENSITY.name].values,
+        amplitude=ds[FINE_GRAIN_AMPLITUDE.name].values,
+        color=ds[FINE_GRAIN_COLOR.name].values,
+        log_mean=ds[FINE_GRAIN_LOG_MEAN.name].values,
+        seed=int(scalar(ds, FINE_GRAIN_SEED)),
     )
 
 
 def write_texture(ds: xr.Dataset, path: Path, context: Any) -> None:
     """Write the solid texture (docs/solid_texture.md)."""
     solid_texture_of(ds).save(path)
+
+
+def write_liu(ds: xr.Dataset, path: Path, context: Any) -> None:
+    """Write the wood as parameters that a person can edit (docs/liu.md)."""
+    from woodfit.liu_fit import agreement, fit_liu
+    from woodfit.planes import Planes
+
+    texture = solid_texture_of(ds)
+    rows, columns = np.nonzero(ds[VALID.name].values)
+    some = np.linspace(0, len(rows) - 1, min(2500, len(rows))).round().astype(int)
+    planes = Planes(ds[FACE_PLANE.name].values, ds[FACE_TOP.name].values)
+    seen = planes.lift(ds.coords["x"].values[columns[some]], ds.coords["y"].values[rows[some]])
+    points = seen * (texture.pixel_size or 1.0)
+    model = fit_liu(texture, points)
+    off = agreement(model, texture, points) if len(points) else {}
+    path.write_text(model.to_json(image=Path(context.scan).name, off_the_texture_on_the_face=off), encoding="utf-8")
 
 
 RINGS = Product(
@@ -183,8 +225,17 @@ TEXTURE = Product(
         LATENESS_STRIP,
         AZIMUTH_WRAPS,
         SAMPLES_PER_RING,
+        FACE_PLANE,
+        STEM,
+        FINE_GRAIN_KIND,
+        FINE_GRAIN_CELLS,
+        FINE_GRAIN_DENSITY,
+        FINE_GRAIN_AMPLITUDE,
+        FINE_GRAIN_COLOR,
+        FINE_GRAIN_LOG_MEAN,
+        FINE_GRAIN_SEED,
     ),
-    1,
+    2,
     write_texture,
 )
 
@@ -206,4 +257,6 @@ SERIES = Product(
     write_series,
 )
 
-PRODUCTS = (RINGS, SERIES, TEXTURE)
+LIU = Product("liu", "liu.json", (*TEXTURE.requires, FACE_TOP), 1, write_liu)
+
+PRODUCTS = (RINGS, SERIES, TEXTURE, LIU)

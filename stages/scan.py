@@ -102,9 +102,7 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     seen = window_of(vessels.density_signal, pores) if pores else grey
     if pores and params.ring_width_px is None:
         # Blurred twice as far: single vessels must not pass for narrow rings.
-        scale_px = ring_scale.ring_scale(
-            (height, width), window_of(vessels.density_signal, pores, 2.0), thick_px=thick
-        )
+        scale_px = ring_scale.ring_scale((height, width), window_of(vessels.density_signal, pores, 2.0), thick_px=thick)
     overview = _part(encoded, slice(None), slice(None), overview_step)
     pith = params.pith_px or _pith(photograph.grey_value(overview), mask, overview_step)
     step = params.reduction or photograph.reduction_for((height, width), scale_px, float(mask.mean()))

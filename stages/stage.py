@@ -141,6 +141,9 @@ class Stage:
         For tile-local stages: ``halo(ds, params)`` gives the margin in array elements along ``y`` and ``x``
         that a tile needs around it for its core to equal the whole image's. `ds` carries at least the 0-d
         variables. ``None`` for stages that see the whole scan at once.
+    sees_block
+        Whether the faces of a block are seen together, as one dataset (:mod:`stages.faces`). Such stages come
+        after all that see one scan at a time; a scan that belongs to no block is a block of one face.
     """
 
     name: str
@@ -150,6 +153,7 @@ class Stage:
     provides: tuple[Variable, ...]
     version: int
     halo: Callable[[xr.Dataset, Any], int] | None = None
+    sees_block: bool = False
 
     @property
     def summary(self) -> str:
@@ -175,12 +179,13 @@ def stage(
     version: int,
     params: type[Params],
     halo: Callable[[xr.Dataset, Any], int] | None = None,
+    sees_block: bool = False,
 ) -> Callable[[Callable[[xr.Dataset, Any], xr.Dataset]], Stage]:
     """Declare the decorated function as the stage that its module is named after."""
 
     def declare(function: Callable[[xr.Dataset, Any], xr.Dataset]) -> Stage:
         name = function.__module__.rpartition(".")[2]
-        return Stage(name, function, params, requires, provides, version, halo)
+        return Stage(name, function, params, requires, provides, version, halo, sees_block)
 
     return declare
 

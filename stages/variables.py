@@ -15,6 +15,19 @@ DPI_PIXEL_SIZE = Variable(
     "dpi_pixel_size", (), "f", "mm", "Pixel size from the file's resolution tags; NaN if it has none."
 )
 
+# --- block: where the photographed faces lie; of a single scan there is one ----------------------------------
+FACE_PLANE = Variable(
+    "face_plane",
+    # Not `board_axis`, which has a fourth, homogeneous element.
+    ("face", "plane_vector", "board_xyz"),
+    "f",
+    "px",
+    "Board-frame point of each face's own pixel (0, 0), then what one px to the right and one px down add.",
+)
+FACE_TOP = Variable(
+    "face_top", ("face",), "f", "px", "y in the atlas of each face's own row 0; 0 for the one face of a single scan."
+)
+
 # --- scan ---------------------------------------------------------------------------------------------------
 RGB = Variable("rgb", ("y", "x", "channel"), "f", "1", "Linear RGB, 0..1, sRGB primaries.")
 VALUE = Variable(
@@ -118,6 +131,14 @@ GROWTH_SURENESS = Variable(
     "growth_sureness", (), "f", "1", "How sure the outward direction is: 0.5 is a guess, 1 is certain."
 )
 
+# --- anomalies ----------------------------------------------------------------------------------------------
+ANOMALY = Variable("anomaly", ("y", "x"), "iu", "1", "0 sound wood, 1 knot, 2 crack, 3 stain.")
+ANOMALY_KIND = Variable("anomaly_kind", ("spot",), "iu", "1", "Of each connected anomaly: 1 knot, 2 crack, 3 stain.")
+ANOMALY_BOX = Variable(
+    "anomaly_box", ("spot", "side"), "f", "px", "Left, top, right and bottom pixel centre of each, image frame."
+)
+ANOMALY_AREA = Variable("anomaly_area", ("spot",), "f", "px2", "Area of each.")
+
 # --- pose ---------------------------------------------------------------------------------------------------
 BOARD_TO_TREE = Variable(
     "board_to_tree", ("tree_axis", "board_axis"), "f", "1", "Rigid 4x4 transform, px to px, pith along tree z."
@@ -129,13 +150,33 @@ RING_AGE_SHIFT = Variable(
     "1",
     "What to add to a group's ring indices to get the ring age of its boundaries.",
 )
+RING_AGE_SIGN = Variable(
+    "ring_age_sign",
+    ("group",),
+    "i",
+    "1",
+    "-1 where a face of a block was numbered inwards: ring age is sign times index plus shift; else 1.",
+)
 RING_RADIUS = Variable(
     "ring_radius", ("boundary",), "f", "px", "Ideal radius of each ring boundary, increasing; its age is `boundary`."
 )
 POSE_SPREAD = Variable(
     "pose_spread", ("pose_parameter",), "f", "1", "One standard deviation of each pose parameter (rad, rad, px, px)."
 )
-
+POSE_UNDETERMINED = Variable(
+    "pose_undetermined",
+    ("pose_parameter",),
+    "b",
+    "1",
+    "True for pose parameters that the faces leave open: more than 2 degrees, a ring, or 5 % of a distance outside.",
+)
+STEM = Variable(
+    "stem",
+    ("stem_parameter",),
+    "f",
+    "px-1",
+    "Bend of the pith along tree x and y and taper of the rings; zeros for a straight, cylindrical stem.",
+)
 RING_WIDTH = Variable("ring_width", (), "f", "px", "Mean ring width across the growth layers.")
 
 # --- initial_distortion, phase_polishing --------------------------------------------------------------------
@@ -160,6 +201,9 @@ LATENESS_STRIP = Variable(
     "lateness_strip", ("strip",), "f", "1", "0 in earlywood to 1 in latewood over continuous ring age."
 )
 STRIP_SUPPORT = Variable("strip_support", ("strip",), "f", "px", "Face pixels that each strip sample was fitted to.")
+FACE_GAIN = Variable(
+    "face_gain", ("face", "channel"), "f", "1", "Linear RGB of each face over that of the wood: its light and balance."
+)
 RENDERED = Variable("rendered", ("y", "x", "channel"), "f", "1", "Linear RGB of the solid texture on the face.")
 SAMPLES_PER_RING = Variable("samples_per_ring", (), "iu", "1", "Strip samples for each ring.")
 
@@ -295,3 +339,40 @@ SERIES_VARIABLES = (
     PITH_DISTANCE,
     PITH_YEARS,
 )
+
+# --- close_up: windows of the photograph at its own resolution -----------------------------------------------
+CLOSE_UP = Variable(
+    "close_up",
+    ("window", "window_row", "window_column", "channel"),
+    "u",
+    "1",
+    "Pixels as stored, sRGB-encoded, of windows of the scan; 0 beyond its edge.",
+)
+CLOSE_UP_OPAQUE = Variable(
+    "close_up_opaque",
+    ("window", "window_row", "window_column"),
+    "b",
+    "1",
+    "False where alpha says there is nothing, and beyond the scan's edge.",
+)
+CLOSE_UP_X = Variable("close_up_x", ("window",), "f", "px", "x of each window's first pixel.")
+CLOSE_UP_Y = Variable("close_up_y", ("window",), "f", "px", "y of each window's first pixel.")
+
+# --- fine_grain: lattice noises in the tree -------------------------------------------------------------------
+FINE_GRAIN_KIND = Variable(
+    "fine_grain_kind", ("noise",), "i", "1", "Of each noise: 0 fibre streaks, 1 pores, 2 rays, 3 streaks in the layers."
+)
+FINE_GRAIN_CELLS = Variable(
+    "fine_grain_cells", ("noise", "cell_axis"), "f", "px", "Size of each lattice's cells: across, across, along."
+)
+FINE_GRAIN_DENSITY = Variable("fine_grain_density", ("noise",), "f", "1", "Share of the cells that hold a pore.")
+FINE_GRAIN_AMPLITUDE = Variable(
+    "fine_grain_amplitude", ("noise", "wood_part"), "f", "1", "Exponent of each noise in earlywood and in latewood."
+)
+FINE_GRAIN_COLOR = Variable(
+    "fine_grain_color", ("noise", "channel"), "f", "1", "Share of the exponent that red, green and blue get."
+)
+FINE_GRAIN_LOG_MEAN = Variable(
+    "fine_grain_log_mean", ("lateness_level", "channel"), "f", "1", "Logarithm of the mean factor, taken off again."
+)
+FINE_GRAIN_SEED = Variable("fine_grain_seed", (), "iu", "1", "Seed of the noises.")

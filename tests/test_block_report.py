@@ -47,6 +47,7 @@ def block_of(is_lazy: bool = False) -> xr.Dataset:
         v.RING_RADIUS: np.arange(12.0) * 9,
         v.POSE_SPREAD: np.array([0.01, 0.01, 2.0, 2.0]),
         v.RING_AGE_SHIFT: np.array([5, 7, -1]),
+        v.RING_AGE_SIGN: np.array([1, 1, 1]),
         v.RENDERED: joined[v.RGB.name].values,
     }
     return joined.assign({variable.name: variable.array(value) for variable, value in plain.items()})

@@ -5,7 +5,7 @@ import numpy.testing as npt
 import pytest
 from kernel_scenes import Array
 
-from woodfit.color_strip import ColorStrip, color_at, fit_color_strip, psnr_blurred
+from woodfit.color_strip import ColorStrip, color_at, fit_balanced, fit_color_strip, psnr_blurred
 
 RINGS, SAMPLES = 12, 32
 EARLY, LATE = np.array([0.62, 0.42, 0.24]), np.array([0.25, 0.12, 0.05])
@@ -157,3 +157,29 @@ def test_psnr_of_a_tenth_is_twenty_decibels_and_looks_at_wood_only() -> None:
     off[:, 40:] += 5.0
     # Beyond the reach of the blur, what is no wood does not count.
     assert psnr_blurred(off, wanted, valid) > 80.0
+
+
+def test_faces_under_different_light_give_one_wood_and_the_light_of_each() -> None:
+    age, rgb = face()
+    number = np.random.default_rng(3).integers(0, 3, len(age))
+    light = np.array([[1.0, 1.0, 1.0], [0.55, 0.6, 0.7], [1.3, 1.1, 0.9]])
+    light /= np.exp(np.log(light).mean(axis=0))
+    strip, gain = fit_balanced(age, rgb * light[number], np.ones(len(age)), number, 3, RINGS, SAMPLES, True)
+    npt.assert_allclose(gain, light, rtol=0.02)
+    npt.assert_allclose(strip.rgb, fit(age, rgb).rgb, atol=0.02)
+
+
+def test_light_is_told_from_rings_where_faces_show_different_ones() -> None:
+    age, rgb = face()
+    number = (age + np.random.default_rng(4).uniform(-2.0, 2.0, len(age)) > RINGS / 2).astype(int)
+    light = np.array([[1.2, 1.2, 1.2], [0.8, 0.8, 0.8]])
+    _, gain = fit_balanced(age, rgb * light[number], np.ones(len(age)), number, 2, RINGS, SAMPLES, True, rounds=12)
+    npt.assert_allclose(gain[0] / gain[1], 1.5, rtol=0.12)
+
+
+def test_a_single_face_keeps_its_light() -> None:
+    age, rgb = face()
+    none = np.zeros(len(age), int)
+    strip, gain = fit_balanced(age, 0.5 * rgb, np.ones(len(age)), none, 1, RINGS, SAMPLES, True)
+    npt.assert_array_equal(gain, np.ones((1, 3)))
+    npt.assert_array_equal(strip.rgb, fit(age, 0.5 * rgb).rgb)

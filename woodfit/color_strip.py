@@ -82,6 +82,56 @@ def fit_color_strip(
     )
 
 
+def fit_balanced(
+    age: Array,
+    rgb: Array,
+    weight: Array,
+    face: Array,
+    faces: int,
+    rings: int,
+    samples_per_ring: int,
+    latewood_is_dark: bool,
+    rounds: int = 3,
+) -> tuple[ColorStrip, npt.NDArray[np.float32]]:
+    """Color of every ring from several faces, each under its own light.
+
+    End grain is darker than the other faces of a block, and every photograph has its own white balance: colors of a
+    face are those of the wood times a gain of its own, found together with them in turns.
+
+    Parameters
+    ----------
+    age, rgb, weight, rings, samples_per_ring, latewood_is_dark
+        As of `fit_color_strip`, of the pixels of all faces.
+    face : int array of shape (N,)
+        Which face each pixel lies on.
+    faces, rounds : int
+        How many there are, and how many turns.
+
+    Returns
+    -------
+    strip : ColorStrip
+        Color of the wood under the mean light.
+    gain : float32 array of shape (faces, 3)
+        Of each face; 1 for a single one. Their mean over all pixels, in log, is 1.
+    """
+    gain = np.ones((faces, 3))
+    strip = fit_color_strip(age, rgb, weight, rings, samples_per_ring, latewood_is_dark)
+    if faces == 1:
+        return strip, gain.astype(np.float32)
+    rgb, weight, face = np.asarray(rgb, np.float64), np.asarray(weight, np.float64), np.asarray(face)
+    for _ in range(rounds):
+        expected = color_at(strip, age, samples_per_ring)
+        mass = np.maximum(np.bincount(face, weight, faces), 1e-12)
+        for channel in range(3):
+            seen = np.bincount(face, weight * rgb[:, channel], faces)
+            model = np.bincount(face, weight * expected[:, channel], faces)
+            gain[:, channel] = np.where(model > 0, seen / np.maximum(model, 1e-12), 1.0)
+        gain = np.clip(gain, 0.05, 20.0)
+        gain /= np.exp(np.average(np.log(gain), axis=0, weights=mass))
+        strip = fit_color_strip(age, rgb / gain[face], weight, rings, samples_per_ring, latewood_is_dark)
+    return strip, gain.astype(np.float32)
+
+
 def _robust_mean(cell: Array, values: Array, mass: Array, size: int) -> tuple[Array, Array]:
     """Mean per cell in which far-off pixels (pores, cracks, dust) fade; two rounds of reweighting."""
     support = np.bincount(cell, mass, minlength=size)

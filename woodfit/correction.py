@@ -148,9 +148,7 @@ def apply_corrections(
     rings = replace(
         found,
         traces=[draft.lines[i] for i in rank],
-        order=replace(
-            order, index=order.index[rank], group=order.group[rank], agreement=order.agreement[rank]
-        ),
+        order=replace(order, index=order.index[rank], group=order.group[rank], agreement=order.agreement[rank]),
         confidence=_without_contradicted(found.confidence, [*gone, *(draft.lines[i] for i in new)], frequency),
     )
     latewood = np.concatenate([np.zeros((0, 2)), *(path.latewood for path in paths)])
@@ -252,9 +250,7 @@ def _pieces_of_ring(line: int | None, draft: _Draft, found: Rings) -> set[int]:
     if own < 0:
         return {line}
     group, index = found.order.group, found.order.index
-    return {
-        i for i, old in enumerate(draft.old) if old >= 0 and group[old] == group[own] and index[old] == index[own]
-    }
+    return {i for i, old in enumerate(draft.old) if old >= 0 and group[old] == group[own] and index[old] == index[own]}
 
 
 def _ties(path: MarkedPath, chain: Sequence[int], frequency: npt.NDArray[Any]) -> list[Tie]:

@@ -45,15 +45,55 @@ class CylinderGrid:
         radius, azimuth, height = (float(axis[1] - axis[0]) for axis in (self.radius, self.azimuth, self.height))
         return radius, azimuth, height
 
+    def coarser(self, factor: int) -> CylinderGrid:
+        """Return a grid over the same wood with about `factor` times the spacing."""
+        if self.wraps:
+            count = max(8, math.ceil(len(self.azimuth) / factor))
+            azimuth = self.azimuth[0] + np.arange(count) * (2.0 * np.pi / count)
+        else:
+            azimuth = _fewer(self.azimuth, factor)
+        return CylinderGrid(_fewer(self.radius, factor), azimuth, _fewer(self.height, factor), self.wraps)
 
-def cylindrical(points: npt.NDArray[Any], board_to_tree: npt.NDArray[Any]) -> tuple[Floats, Floats, Floats]:
-    """Radius (px), azimuth (rad, -pi..pi) and height (px) of board-frame points (..., 3) in px."""
+
+def _fewer(nodes: npt.NDArray[np.float64], factor: int) -> npt.NDArray[np.float64]:
+    return np.linspace(nodes[0], nodes[-1], max(2, math.ceil((len(nodes) - 1) / factor) + 1))
+
+
+def refine(coarse: CylinderGrid, values: npt.NDArray[Any], fine: CylinderGrid) -> npt.NDArray[np.float32]:
+    """Values on a coarse grid interpolated at the nodes of a fine one, of the fine grid's shape."""
+    r, a, h = np.meshgrid(fine.radius, fine.azimuth, fine.height, indexing="ij")
+    at_nodes, _, _ = sample(coarse, values, r.ravel(), a.ravel(), h.ravel())
+    return at_nodes.reshape(fine.shape)
+
+
+def cylindrical(
+    points: npt.NDArray[Any], board_to_tree: npt.NDArray[Any], stem: npt.ArrayLike = (0.0, 0.0, 0.0)
+) -> tuple[Floats, Floats, Floats]:
+    """Radius (px), azimuth (rad, -pi..pi) and height (px) of board-frame points (..., 3) in px.
+
+    `stem` is the stem's shape (bend_x, bend_y, taper) in 1/px: the pith runs through tree x = bend_x h², y = bend_y h²
+    at height h, and distances from it are multiplied by 1 + taper h. Zeros are a straight cylinder.
+    """
     matrix = np.asarray(board_to_tree)
     x, y, z = (points @ matrix[row, :3] + matrix[row, 3] for row in range(3))
-    return np.hypot(x, y), np.arctan2(y, x), z
+    bend_x, bend_y, taper = (float(part) for part in np.asarray(stem))
+    if bend_x or bend_y:
+        x, y = x - bend_x * z**2, y - bend_y * z**2
+    radius = np.hypot(x, y)
+    if taper:
+        radius = radius * widening(z, taper)
+    return radius, np.arctan2(y, x), z
 
 
-def grid_for(radius: Floats, azimuth: Floats, height: Floats, spacing_px: float, most_nodes: int) -> CylinderGrid:
+def widening(height: npt.NDArray[Any], taper: float) -> Floats:
+    """What a tapering stem's radii are multiplied by at heights (px): 1 + taper h, but never less than a twentieth."""
+    # A cone has a tip; far beyond the wood that was seen the stem stays as thin as there.
+    return np.asarray(np.maximum(1.0 + taper * height, 0.05))
+
+
+def grid_for(
+    radius: Floats, azimuth: Floats, height: Floats, spacing_px: float, most_nodes: int, wider: float = 1.0
+) -> CylinderGrid:
     """Grid that covers points, with about `spacing_px` between nodes and at most about `most_nodes` of them.
 
     Parameters
@@ -64,6 +104,8 @@ def grid_for(radius: Floats, azimuth: Floats, height: Floats, spacing_px: float,
         Wanted spacing; made wider when the nodes would be too many.
     most_nodes : int
         Bound on the number of nodes.
+    wider : float
+        Spacing along the arc and along the stem over that along the radius, where growth changes fastest.
 
     Returns
     -------
@@ -79,8 +121,8 @@ def grid_for(radius: Floats, azimuth: Floats, height: Floats, spacing_px: float,
     arc = 0.5 * (low_r + high_r) * (high_a - low_a) if not wraps else np.pi * high_r
     for _ in range(40):
         nr = max(2, math.ceil((high_r - low_r) / spacing_px) + 1)
-        na = max(2 if not wraps else 8, math.ceil(arc / spacing_px) + 1)
-        nh = max(2, math.ceil((high_h - low_h) / spacing_px) + 1)
+        na = max(2 if not wraps else 8, math.ceil(arc / (wider * spacing_px)) + 1)
+        nh = max(2, math.ceil((high_h - low_h) / (wider * spacing_px)) + 1)
         if nr * na * nh <= most_nodes:
             break
         spacing_px *= 1.08

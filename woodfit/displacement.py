@@ -18,9 +18,13 @@ import numpy.typing as npt
 import torch
 from scipy.sparse import csr_array
 
-from woodfit.cylinder_grid import CylinderGrid, trilinear, without_fold
+from woodfit.cylinder_grid import CylinderGrid, refine, trilinear, without_fold
 
 Array = npt.NDArray[Any]
+
+#: Steps of the coarse grid over those of the fine one; how far slopes go on, in smoothing lengths; how much less stiff
+#: the coarse field is: it has too few nodes to follow more than the slow part anyway.
+_COARSER, _BEND_RINGS, _SLACK = 4, 8.0, 1e-4
 
 
 @dataclass(frozen=True)
@@ -78,9 +82,13 @@ class _Interpolation:
 
 
 class _Membrane:
-    """Energy of a field's slopes in the metric of the tree, per unit volume."""
+    """Energy of a field's slopes in the metric of the tree, per unit volume.
 
-    def __init__(self, grid: CylinderGrid, along_stem: float) -> None:
+    With a `bend_px` the energy of its curvature is added: slopes then go on into what was not seen and fade over
+    about that length, where those of a bare membrane end at once.
+    """
+
+    def __init__(self, grid: CylinderGrid, along_stem: float, bend_px: float = 0.0) -> None:
         self.shape = grid.shape
         self.wraps = grid.wraps
         dr, da, dh = grid.steps
@@ -92,8 +100,15 @@ class _Membrane:
         self.radial = torch.from_numpy(between.astype(np.float32))[:, None, None]
         self.turning = torch.from_numpy((volume / arc**2).astype(np.float32))[:, None, None]
         self.rising = torch.from_numpy((along_stem * volume / dh**2).astype(np.float32))[:, None, None]
+        self.bend = bend_px**2
+        each = np.broadcast_to((1.0 / volume)[:, None, None], grid.shape)
+        self.inverse_volume = torch.from_numpy(each.astype(np.float32).reshape(-1).copy())
 
     def gradient(self, flat: torch.Tensor) -> torch.Tensor:
+        slopes = self._slopes(flat)
+        return slopes + self.bend * self._slopes(self.inverse_volume * slopes) if self.bend else slopes
+
+    def _slopes(self, flat: torch.Tensor) -> torch.Tensor:
         field = flat.view(self.shape)
         out = torch.zeros_like(field)
         slope = self.radial * (field[1:] - field[:-1])
@@ -116,7 +131,9 @@ class _Membrane:
         out[1:] += self.radial
         out[:-1] += self.radial
         out += 2.0 * self.turning + 2.0 * self.rising
-        return out.reshape(-1)
+        slopes = out.reshape(-1)
+        # A row of the Laplacian squared: its middle and, in three dimensions, about a quarter more for the rest.
+        return slopes + 1.25 * self.bend * slopes**2 * self.inverse_volume
 
 
 def _solve(
@@ -125,8 +142,9 @@ def _solve(
     stiffness: float,
     start: torch.Tensor,
     iterations: int,
+    base: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """Conjugate gradients on sum w (A m - t)² + stiffness * membrane(m)."""
+    """Conjugate gradients on sum w (A m - t)² + stiffness * membrane(m - base); without `base` on the field itself."""
     ridge = 1e-4 * stiffness
 
     def apply(field: torch.Tensor) -> torch.Tensor:
@@ -135,7 +153,7 @@ def _solve(
             total = total + places.back(weight * places.at(field))
         return total
 
-    right = torch.zeros_like(start)
+    right = torch.zeros_like(start) if base is None else stiffness * membrane.gradient(base) + ridge * base
     diagonal = stiffness * membrane.diagonal() + ridge
     for places, weight, target in terms:
         right = right + places.back(weight * target)
@@ -201,6 +219,8 @@ def initial_displacement(
 ) -> npt.NDArray[np.float32]:
     """Displacement that takes each traced boundary vertex to its ring's ideal radius.
 
+    First on a coarse grid, whose slopes go on beyond what was seen, then the rest on the fine one.
+
     Parameters
     ----------
     grid : CylinderGrid
@@ -222,16 +242,35 @@ def initial_displacement(
     wanted = radius_of_age(boundaries.target, ring_radius) - boundaries.radius
     weight = torch.from_numpy(np.asarray(boundaries.weight, np.float32))
     target = torch.from_numpy(wanted.astype(np.float32))
-    places, membrane = _Interpolation(grid, boundaries), _Membrane(grid, along_stem)
-    field = torch.zeros(int(np.prod(grid.shape)))
+    coarse = grid.coarser(_COARSER)
+    bending = _Membrane(coarse, along_stem, _BEND_RINGS * stiffness_px)
+    slow = _robust_fit(coarse, boundaries, weight, target, bending, _SLACK * stiffness_px, None, 400)
+    base = torch.from_numpy(refine(coarse, slow.view(coarse.shape).numpy(), grid).reshape(-1))
+    field = _robust_fit(grid, boundaries, weight, target, _Membrane(grid, along_stem), stiffness_px, base, 150)
+    return without_fold(field.view(grid.shape).numpy(), grid.radius).astype(np.float32)
+
+
+def _robust_fit(
+    grid: CylinderGrid,
+    boundaries: Observations,
+    weight: torch.Tensor,
+    target: torch.Tensor,
+    membrane: _Membrane,
+    stiffness_px: float,
+    base: torch.Tensor | None,
+    iterations: int,
+) -> torch.Tensor:
+    """Field of least misfit to the boundaries, three times reweighted."""
+    places = _Interpolation(grid, boundaries)
+    field = torch.zeros(int(np.prod(grid.shape))) if base is None else base
     robust = weight
     for _ in range(3):
-        field = _solve([(places, robust, target)], membrane, stiffness_px, field, 150)
+        field = _solve([(places, robust, target)], membrane, stiffness_px, field, iterations, base)
         miss = torch.abs(places.at(field) - target)
         # A wrongly numbered boundary must not bend its neighbours: beyond some median misses it fades.
         scale = 3.0 * float(miss.median()) + 1.0
         robust = weight / (1.0 + (miss / scale) ** 2)
-    return without_fold(field.view(grid.shape).numpy(), grid.radius).astype(np.float32)
+    return field
 
 
 @dataclass(frozen=True)
@@ -285,7 +324,7 @@ def polish(
     """
     membrane = _Membrane(grid, along_stem)
     at_pixels, at_vertices = _Interpolation(grid, pixels), _Interpolation(grid, boundaries)
-    field = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
+    field = base = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
     heavy = boundary_share * float(pixels.weight.sum()) / max(float(boundaries.weight.sum()), 1e-9)
     losses: list[float] = []
     for stiffness in stiffness_px:
@@ -311,7 +350,8 @@ def polish(
             (at_pixels, _tensor(weight), _tensor(wanted)),
             (at_vertices, _tensor(vertex_weight), _tensor(vertex_wanted)),
         ]
-        field = _solve(terms, membrane, float(stiffness), field, 60)
+        # The start's own shape is kept where nothing is seen; only the change is kept smooth.
+        field = _solve(terms, membrane, float(stiffness), field, 60, base)
         smooth = without_fold(field.view(grid.shape).numpy(), grid.radius)
         field = torch.from_numpy(smooth.astype(np.float32).reshape(-1))
         age, _ = age_of_radius(pixels.radius + at_pixels.at(field).numpy(), ring_radius)

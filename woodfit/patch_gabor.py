@@ -18,9 +18,7 @@ Doubles = npt.NDArray[np.float64]
 
 
 @njit(cache=True)
-def _walk(
-    toward_x: FloatArray, toward_y: FloatArray, x: float, y: float, path: Doubles
-) -> None:
+def _walk(toward_x: FloatArray, toward_y: FloatArray, x: float, y: float, path: Doubles) -> None:
     """Fill `path`, shape (2n+1, 2), with points one pixel apart on both sides of (x, y); NaN outside of the image."""
     height, width = toward_x.shape
     middle = path.shape[0] // 2

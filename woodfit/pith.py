@@ -4,22 +4,27 @@ One model serves every cut. On a plane, the squared distance from a line is a qu
 fixed by the line's direction alone, so level sets of the ring age are ellipses, parabolas-like arcs or straight lines
 depending on nothing but the tilt. For a given direction the tangents of the traced rings give the line's position by
 linear least squares; what tangents cannot see (the depth of a pith parallel to the face) the regularity of the ring
-widths decides.
+widths decides. Points of several faces of one block are fitted just the same.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize
 
-from woodfit.pith_energy import Energy, RingPoints, along_face_evidence, direction_of, frame_of
+from woodfit.fiber import FiberSight
+from woodfit.pith_energy import RingPoints, along_face_evidence, direction_of, spacing_px
+from woodfit.pith_evidence import Evidence, Growth
+from woodfit.pith_samples import Line, explore, middle
+from woodfit.pith_search import Cost, Known, descend, distinct, starts
 
 FloatArray = npt.NDArray[np.float64]
+
+#: Vertices used: in the first search, and in all that follows.
+FEW_VERTICES, VERTICES = 200, 400
 
 
 @dataclass(frozen=True)
@@ -29,28 +34,42 @@ class Pith:
     Attributes
     ----------
     point : array of shape (3,)
-        The line's point nearest to the face's centre, px.
+        The line's point nearest to the faces' centre, px.
     direction : array of shape (3,)
         Unit vector.
     energy : float
-        What the fit minimised.
+        Negative log-probability, up to a constant.
     spread : array of shape (4,)
-        One standard deviation of two direction angles (rad) and two offsets (px).
+        One standard deviation of two direction angles (rad) and two offsets (px): across the line in the face, and
+        across it into the wood.
+    mirrors : bool
+        Whether the mirror image in the photographed face explains the rings as well.
+    centre : array of shape (3,), optional
+        The faces' centre, px.
     """
 
     point: FloatArray
     direction: FloatArray
     energy: float
     spread: FloatArray
+    mirrors: bool = True
+    centre: FloatArray | None = None
 
 
 @dataclass(frozen=True)
 class Fixed:
-    """What the user knows of the pith: coordinates of its nearest point (px), tilt and azimuth (degrees)."""
+    """What the user knows: coordinates of the nearest point (px), tilt and azimuth (degrees), mean ring width (px)."""
 
     point: tuple[float | None, float | None, float | None]
     tilt_deg: float | None
     azimuth_deg: float | None
+    width_px: float | None = None
+
+    @property
+    def known(self) -> Known:
+        """The same for the search."""
+        angles = (None if angle is None else math.radians(angle) for angle in (self.tilt_deg, self.azimuth_deg))
+        return Known(self.point, *angles)
 
     def overrule(self, point: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Put the known values in place of fitted ones."""
@@ -63,6 +82,9 @@ class Fixed:
         return chosen, direction_of(tilt, azimuth)
 
 
+NOTHING_FIXED = Fixed((None, None, None), None, None)
+
+
 def fit_pith(
     rings: RingPoints,
     size_px: float,
@@ -70,135 +92,83 @@ def fit_pith(
     grain_ratio: float = 1.08,
     aspect: float = 1.0,
     fixed: Fixed | None = None,
+    centre: FloatArray | None = None,
+    fibers: FiberSight | None = None,
+    seed: int = 0,
 ) -> Pith:
-    """Pith line by brute force over directions and depths, then simplex refinement of the best few.
+    """Pith line in the middle of those that explain the rings about equally well.
 
     Parameters
     ----------
     rings : RingPoints
-        Sampled boundaries.
+        Sampled boundaries, of one face or several.
     size_px : float
-        Longer side of the face.
+        Longest side of the faces.
     pith_behind : bool
-        Which of the two mirror solutions to take: the pith behind the face (z >= 0 at the face's centre) or in
-        front of it. The image does not tell.
+        Which of the two mirror solutions to take when all points lie on one plane: the pith behind the face
+        (z >= 0 at the face's centre) or in front of it. The image does not tell.
     grain_ratio, aspect : float
         Slope of the fine texture across over along the rings; longer over shorter side of the face.
     fixed : Fixed, optional
-        What the user knows; it overrules the fit.
+        What the user knows; the rest is fitted to that.
+    centre : array of shape (3,), optional
+        Centre of the faces, px; of the points if not given.
+    fibers : FiberSight, optional
+        What the fine texture of the faces tells of the direction.
+    seed : int
+        Of the random walk that finds the spread.
 
     Returns
     -------
     Pith
+
+    Raises
+    ------
+    ValueError
+        If the tangents fit no direction.
     """
-    energy = Energy(rings, size_px, along_face_evidence(grain_ratio, aspect))
-    depths = size_px * np.concatenate([[0.0], np.geomspace(0.03, 4.0, 15)])
-    starts: list[tuple[float, FloatArray]] = []
-    for tilt in np.deg2rad([0.0, 5.0, 12.0, 22.0, 35.0, 50.0, 62.0, 72.0, 80.0, 85.0, 88.0, 90.0]):
-        turns = 1 if tilt == 0.0 else 24
-        for azimuth in np.arange(turns) * 2.0 * np.pi / turns:
-            if tilt == np.pi / 2 and azimuth >= np.pi:
-                continue
-            direction = direction_of(float(tilt), float(azimuth))
-            across, inward = frame_of(direction)
-            # On end grain the second offset lies in the face too and takes either sign.
-            signed = depths if tilt > 1.2 else np.concatenate([-depths[:0:-1], depths])
-            for depth in signed[:: 1 if tilt > 1.2 else 2]:
-                lateral = energy.lateral(direction, float(depth))
-                if lateral is None or abs(lateral) > 20.0 * size_px:
-                    continue
-                origin = energy.centre + lateral * across + depth * inward
-                starts.append((energy(origin, direction), np.array([tilt, azimuth, lateral, depth])))
-    if not starts:
+    fixed = fixed or NOTHING_FIXED
+    known, solid = fixed.known, rings.solid
+    mirrors = not solid and not known.side
+    centre = rings.centre if centre is None else np.asarray(centre, np.float64)
+    along_face = 0.0 if solid else along_face_evidence(grain_ratio, aspect)
+    spacing = spacing_px(rings)
+    few, many = rings.thinned(FEW_VERTICES), rings.thinned(VERTICES)
+
+    def cost_of(part: RingPoints, growth: Growth, doubt: FloatArray | None = None) -> Cost:
+        # Doubt is told per polyline; a thinned set may lack the last ones.
+        evidence = Evidence(part, spacing, growth, doubt, fixed.width_px)
+        return Cost(evidence, size_px, centre, along_face, known, fibers or FiberSight.nothing())
+
+    loose = cost_of(few, Growth(strength=0.3, tracing=0.2, piece=0.1))
+    origin, direction = starts(few, loose, not mirrors)
+    if not len(origin):
         raise ValueError("the traced rings do not constrain the pith: no direction fits their tangents")
-    starts.sort(key=lambda item: item[0])
-    best: tuple[float, FloatArray, FloatArray] | None = None
-    for _, start in _distinct(starts, 4, size_px):
-        candidate = _refine(energy, start, size_px)
-        if best is None or candidate[0] < best[0]:
-            best = candidate
-    assert best is not None
-    value, origin, direction = best
-    spread = _spread(energy, origin, direction, size_px)
-    origin = origin - ((origin - energy.centre) @ direction) * direction
-    if (origin[2] < 0.0) == pith_behind and origin[2] != 0.0:
+    parts = np.array_split(np.arange(len(origin)), max(1, len(origin) // 400))
+    value = np.concatenate([loose.evidence.rough(origin[i], direction[i]) for i in parts])
+    value += loose.prior(origin, direction)
+    first = cost_of(few, Growth())
+    found = [descend(first, origin[i], direction[i], 2, 15) for i in distinct(loose, value, origin, direction, 8, 30.0)]
+    best = min(found, key=lambda line: line[0])
+    full = cost_of(many, Growth())
+    doubt = full.evidence.doubtful(best[1], best[2])
+    cost = cost_of(many, Growth(), doubt) if doubt.any() else full
+    modes = _modes(cost, found)
+    steps = explore(cost, modes, np.random.default_rng(seed))
+    (energy, point, along), spread = middle(cost, modes[0], steps, mirrors)
+    if mirrors and (point[2] < 0.0) == pith_behind and point[2] != 0.0:
         # Mirror in the face: the photograph is the same.
-        origin, direction = origin * [1.0, 1.0, -1.0], direction * [1.0, 1.0, -1.0]
-    main = int(np.argmax(np.abs(direction)))
-    if direction[main] < 0.0:
-        direction = -direction
-    if fixed is not None:
-        origin, direction = fixed.overrule(origin, direction)
-    return Pith(origin, direction, value, spread)
+        point, along = point * [1.0, 1.0, -1.0], along * [1.0, 1.0, -1.0]
+    main = int(np.argmax(np.abs(along)))
+    point, along = fixed.overrule(point, along if along[main] >= 0.0 else -along)
+    return Pith(point, along, energy, spread, mirrors, centre)
 
 
-def _distinct(starts: list[tuple[float, FloatArray]], count: int, size_px: float) -> list[tuple[float, FloatArray]]:
-    """The best starts that do not repeat one another."""
-    kept: list[tuple[float, FloatArray]] = []
-    for value, start in starts:
-        away = [
-            abs(start[0] - other[0]) > 0.25
-            or abs(np.sin(start[1] - other[1])) * np.sin(start[0]) > 0.3
-            or abs(start[3] - other[3]) > 0.25 * size_px
-            for _, other in kept
-        ]
-        if all(away):
-            kept.append((value, start))
-        if len(kept) == count:
-            break
-    return kept
-
-
-def _chart(
-    origin: FloatArray, direction: FloatArray, step: npt.NDArray[Any], size_px: float
-) -> tuple[FloatArray, FloatArray]:
-    """Line reached from another by small steps: two tilts (rad) and two offsets (in face sizes)."""
-    across, inward = frame_of(direction)
-    turned = direction + step[0] * across + step[1] * inward
-    return origin + size_px * (step[2] * across + step[3] * inward), turned / np.linalg.norm(turned)
-
-
-def _refine(energy: Energy, start: FloatArray, size_px: float) -> tuple[float, FloatArray, FloatArray]:
-    direction = direction_of(start[0], start[1])
-    across, inward = frame_of(direction)
-    origin = energy.centre + start[2] * across + start[3] * inward
-    reach = 0.1
-    for _ in range(3):
-        # Restarts of the simplex on a fresh chart: it stalls in the long valley between distance and scale.
-        found = minimize(
-            lambda step, o=origin, d=direction: energy(*_chart(o, d, step, size_px)),
-            np.zeros(4),
-            method="Nelder-Mead",
-            options={
-                "initial_simplex": np.vstack([np.zeros(4), np.diag([reach, reach, reach, reach])]),
-                "maxfev": 500,
-                "xatol": 1e-5,
-                "fatol": 1e-4,
-            },
-        )
-        origin, direction = _chart(origin, direction, found.x, size_px)
-        origin = origin - ((origin - energy.centre) @ direction) * direction
-        reach *= 0.4
-    return float(found.fun), origin, direction
-
-
-def _spread(energy: Energy, origin: FloatArray, direction: FloatArray, size_px: float) -> FloatArray:
-    """Standard deviations from the curvature of the energy (a negative log-likelihood); large where it is flat."""
-    h = np.array([0.02, 0.02, 0.02, 0.02])
-    hessian = np.empty((4, 4))
-    for i in range(4):
-        for j in range(i, 4):
-            total = 0.0
-            for si in (-1, 1):
-                for sj in (-1, 1):
-                    step = np.zeros(4)
-                    step[i] += si * h[i]
-                    step[j] += sj * h[j]
-                    total += si * sj * energy(*_chart(origin, direction, step, size_px))
-            hessian[i, j] = hessian[j, i] = total / (4.0 * h[i] * h[j])
-    values, vectors = np.linalg.eigh(hessian)
-    variance = (vectors**2 / np.maximum(values, 0.05)[None, :]).sum(axis=1)
-    return np.asarray(np.sqrt(variance) * [1.0, 1.0, size_px, size_px])
+def _modes(cost: Cost, found: list[Line]) -> list[Line]:
+    """Distinct likeliest lines on the full set of vertices, the best first."""
+    value, origin, direction = (np.array([line[i] for line in found]) for i in range(3))
+    again = [descend(cost, origin[i], direction[i]) for i in distinct(cost, value, origin, direction, 3, 8.0)]
+    return sorted(again, key=lambda line: line[0])
 
 
 def board_to_tree(pith: Pith, centre: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a pith line costs: how far from round it leaves the traced rings, and how irregular their widths."""
+"""Traced rings as points in the wood, and small geometry of lines."""
 
 from __future__ import annotations
 
@@ -8,20 +8,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from woodfit.planes import Planes
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Expected scatter: a boundary about its circle (in rings), a ring width from one year to the next and from the
-#: face's mean (in log width), the distance of the pith from the face's centre (in log of the face's size, about
-#: USUAL_DISTANCE of it).
-SCATTER_RINGS, YEAR_TO_YEAR, FROM_MEAN, DISTANCE, USUAL_DISTANCE = 0.35, 0.30, 0.45, 1.0, 0.5
-
-#: Independent looks at a boundary. Few: neighbouring vertices, and neighbouring rings too, share their distortion,
-#: so that an oval tree must not pass for a tilted one.
-LOOKS_PER_RING = 1.5
-
-#: Boards are sawn along or across the stem: departures from both cost, gently for large ones.
-SAWN_WITHIN_RAD, SAWN_COST = 0.08, 3.0
+#: Points this much thinner than long lie on one plane, and a photograph does not tell its two sides apart.
+FLAT_SHARE = 0.03
 
 
 @dataclass(frozen=True)
@@ -37,9 +31,15 @@ class RingPoints:
     ring : int array of shape (K,)
         Position in the table of boundaries below.
     weight : array of shape (K,)
-        Confidence.
+        Length of boundary that a vertex stands for times its confidence, mean 1.
     index, group : int arrays of shape (R,)
         Ring index (growing outwards) and group of each boundary; pieces of one boundary share an entry.
+    piece : int array of shape (K,), optional
+        Number of the traced polyline; without it each boundary is one.
+    belief : array of shape (K,), optional
+        Confidence, 0..1; without it 1.
+    facing : array of shape (K, 3), optional
+        Unit normal of the photographed plane; without it z.
     """
 
     points: FloatArray
@@ -48,6 +48,57 @@ class RingPoints:
     weight: FloatArray
     index: npt.NDArray[np.int64]
     group: npt.NDArray[np.int64]
+    piece: npt.NDArray[np.int64] | None = None
+    belief: FloatArray | None = None
+    facing: FloatArray | None = None
+
+    @property
+    def pieces(self) -> npt.NDArray[np.int64]:
+        """Number of the polyline of each vertex, shape (K,)."""
+        return self.ring if self.piece is None else self.piece
+
+    @property
+    def beliefs(self) -> FloatArray:
+        """Confidence of each vertex, shape (K,), 0..1."""
+        return np.ones(len(self.points)) if self.belief is None else self.belief
+
+    @property
+    def facings(self) -> FloatArray:
+        """Normal of the plane of each vertex, shape (K, 3)."""
+        return np.tile([0.0, 0.0, 1.0], (len(self.points), 1)) if self.facing is None else self.facing
+
+    @property
+    def solid(self) -> bool:
+        """Whether the points lie on several planes, so that no mirror image explains them as well."""
+        size = np.linalg.svd(self.points - self.points.mean(axis=0), compute_uv=False)
+        return bool(size[2] > FLAT_SHARE * size[0])
+
+    @property
+    def centre(self) -> FloatArray:
+        """Weighted mean of the points, shape (3,), px."""
+        return np.asarray(np.average(self.points, axis=0, weights=self.weight))
+
+    def some(self, keep: npt.NDArray[np.int64]) -> RingPoints:
+        """Return those vertices only; the table of boundaries stays."""
+        return RingPoints(
+            self.points[keep],
+            self.tangents[keep],
+            self.ring[keep],
+            self.weight[keep],
+            self.index,
+            self.group,
+            self.pieces[keep],
+            self.beliefs[keep],
+            self.facings[keep],
+        )
+
+    def thinned(self, most: int) -> RingPoints:
+        """At most `most` vertices, evenly along all boundaries in a row."""
+        if len(self.points) <= most:
+            return self
+        total = np.cumsum(self.weight)
+        slot = np.floor(total / total[-1] * (most - 1)).astype(int)
+        return self.some(np.flatnonzero(np.diff(slot, prepend=-1) > 0))
 
 
 def sample_rings(
@@ -56,58 +107,83 @@ def sample_rings(
     index: npt.NDArray[Any],
     group: npt.NDArray[Any],
     per_ring: int = 24,
+    planes: Planes | None = None,
 ) -> RingPoints:
     """Evenly spaced vertices of each boundary with tangents; pieces of one boundary are merged.
 
     Parameters
     ----------
     polylines, confidence : lists of arrays of shape (K, 2) and (K,)
-        Boundaries (x, y in px) and the confidence of their vertices.
+        Boundaries (x, y in px, of the atlas if there are several faces) and the confidence of their vertices.
     index, group : int arrays of shape (R,)
         From `woodfit.ring_order`.
     per_ring : int
         Most vertices taken from one polyline.
+    planes : Planes, optional
+        Where the photographs lie; without it there is one, at z = 0.
 
     Returns
     -------
     RingPoints
     """
+    planes = planes or Planes.single()
     keys = np.stack([np.asarray(group), np.asarray(index)], axis=1)
     table, inverse = np.unique(keys, axis=0, return_inverse=True)
-    points, tangents, ring, weight = [], [], [], []
+    places, chords, ring, weight, trust = [], [], [], [], []
+    piece: list[npt.NDArray[np.int64]] = []
     for number, (line, belief) in enumerate(zip(polylines, confidence, strict=True)):
         if len(line) < 8:
             continue
         pick = np.unique(np.linspace(3, len(line) - 4, min(per_ring, len(line))).round().astype(int))
-        chord = line[np.minimum(pick + 3, len(line) - 1)] - line[np.maximum(pick - 3, 0)]
-        length = np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)
-        points.append(np.column_stack([line[pick], np.zeros(len(pick))]))
-        tangents.append(np.column_stack([chord / length[:, None], np.zeros(len(pick))]))
+        places.append(line[pick])
+        chords.append(line[np.minimum(pick + 3, len(line) - 1)] - line[np.maximum(pick - 3, 0)])
         ring.append(np.full(len(pick), inverse.ravel()[number]))
+        piece.append(np.full(len(pick), len(piece)))
+        trust.append(belief[pick])
         weight.append(np.maximum(belief[pick], 0.02) * len(line) / len(pick))
-    if not points:
+    if not places:
         raise ValueError("no traced ring boundary is long enough to place the pith (at least 8 vertices are needed)")
-    mass = np.concatenate(weight)
+    place, chord, mass = np.concatenate(places), np.concatenate(chords), np.concatenate(weight)
+    tangents = planes.turn(chord[:, 0], chord[:, 1], place[:, 1])
+    facing = np.cross(planes.plane[:, 1], planes.plane[:, 2])[planes.face_of(place[:, 1])]
     return RingPoints(
-        np.concatenate(points),
-        np.concatenate(tangents),
+        planes.lift(place[:, 0], place[:, 1]),
+        tangents / np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-9),
         np.concatenate(ring),
         mass / mass.mean(),
         table[:, 1].astype(np.int64),
         table[:, 0].astype(np.int64),
+        np.concatenate(piece),
+        np.concatenate(trust),
+        facing / np.linalg.norm(facing, axis=1, keepdims=True),
     )
+
+
+def spacing_px(rings: RingPoints) -> float:
+    """Typical distance between neighbouring boundaries as they appear on the faces, px."""
+    found = {(g, i): k for k, (g, i) in enumerate(zip(rings.group.tolist(), rings.index.tolist(), strict=True))}
+    gaps = []
+    for (group, index), number in found.items():
+        after = found.get((group, index + 1))
+        if after is not None and (rings.ring == number).any() and (rings.ring == after).any():
+            way, _ = cKDTree(rings.points[rings.ring == after]).query(rings.points[rings.ring == number])
+            gaps.append(float(np.median(way)))
+    return float(np.median(gaps)) if gaps else max(float(np.ptp(rings.points, axis=0).max()) / 8.0, 1.0)
 
 
 def frame_of(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors across `direction`: the first lies in the face, the second points into the wood."""
-    across = np.array([-direction[1], direction[0], 0.0])
-    if np.hypot(across[0], across[1]) < 1e-9:
-        across = np.array([1.0, 0.0, 0.0])
-    across /= np.linalg.norm(across)
+    across, inward = frames_of(direction[None])
+    return across[0], inward[0]
+
+
+def frames_of(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As `frame_of`, for directions of shape (L, 3)."""
+    across = np.stack([-direction[:, 1], direction[:, 0], np.zeros(len(direction))], axis=1)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(length < 1e-9, [1.0, 0.0, 0.0], across / np.maximum(length, 1e-9))
     inward = np.cross(direction, across)
-    if inward[2] < 0.0:
-        inward = -inward
-    return across, inward
+    return across, np.where(inward[:, 2:] < 0.0, -inward, inward)
 
 
 def radii(points: npt.NDArray[Any], origin: FloatArray, direction: FloatArray) -> FloatArray:
@@ -117,73 +193,10 @@ def radii(points: npt.NDArray[Any], origin: FloatArray, direction: FloatArray) -
     return np.asarray(np.sqrt(np.maximum((away * away).sum(axis=-1) - along * along, 0.0)))
 
 
-class Energy:
-    """Misfit of a pith line: how far the rings are from round, and their widths from regular."""
-
-    def __init__(self, rings: RingPoints, size_px: float, along_face: float = 0.0) -> None:
-        self.rings = rings
-        self.along_face = along_face
-        self.size_px = size_px
-        self.centre = np.array([*np.average(rings.points[:, :2], axis=0, weights=rings.weight), 0.0])
-        count = len(rings.index)
-        self.count = count
-        self.mass = np.bincount(rings.ring, rings.weight, minlength=count)
-        self.looks = LOOKS_PER_RING * np.minimum(1.0, self.mass / np.maximum(np.median(self.mass), 1e-9))
-        order = np.lexsort((rings.index, rings.group))
-        inner, outer = order[:-1], order[1:]
-        same = rings.group[inner] == rings.group[outer]
-        self.inner, self.outer = inner[same], outer[same]
-        self.apart = (rings.index[self.outer] - rings.index[self.inner]).astype(float)
-
-    def __call__(self, origin: FloatArray, direction: FloatArray) -> float:
-        """Cost of the line through `origin` along the unit vector `direction`, both of shape (3,), board frame."""
-        rings = self.rings
-        r = radii(rings.points, origin, direction)
-        mean = np.bincount(rings.ring, rings.weight * r, minlength=self.count) / np.maximum(self.mass, 1e-9)
-        distance = float(np.linalg.norm(origin - self.centre))
-        far = math.log((distance / self.size_px + 0.02) / USUAL_DISTANCE) / DISTANCE
-        off_saw = min(math.acos(min(1.0, abs(float(direction[2])))), math.asin(min(1.0, abs(float(direction[2])))))
-        prior = 0.5 * max(far, 0.0) ** 2 + SAWN_COST * math.log1p((off_saw / SAWN_WITHIN_RAD) ** 2)
-        prior -= self.along_face * (0.5 - float(direction[2]) ** 2)
-        if len(self.inner) == 0:
-            width = max(float(np.ptp(r)), 1.0)
-            scatter = self._scatter(r - mean[rings.ring], width)
-            return scatter + prior
-        widths = (mean[self.outer] - mean[self.inner]) / self.apart
-        typical = float(np.average(np.abs(widths), weights=self.apart)) + 1e-9
-        # Widths must grow outwards: a width that vanishes or turns negative costs, but without a cliff.
-        logs = np.log(np.maximum(widths / typical, 0.02))
-        backwards = float((np.minimum(widths / typical - 0.02, 0.0) ** 2).sum())
-        share = 1.0 / self.apart
-        level = float((share * np.minimum((logs / FROM_MEAN) ** 2, 9.0)).sum()) / 2.0
-        step = np.diff(logs)
-        year = float(np.minimum((step / (YEAR_TO_YEAR * 1.5)) ** 2, 9.0).sum()) / 2.0
-        return self._scatter(r - mean[rings.ring], typical) + level + year + 20.0 * backwards + prior
-
-    def _scatter(self, residual: FloatArray, width: float) -> float:
-        square = (residual / (SCATTER_RINGS * width)) ** 2
-        robust = 2.0 * (np.sqrt(1.0 + square) - 1.0)
-        per_ring = np.bincount(self.rings.ring, self.rings.weight * robust, minlength=self.count)
-        return float((self.looks * per_ring / np.maximum(self.mass, 1e-9)).sum()) / 2.0
-
-    def lateral(self, direction: FloatArray, depth_px: float) -> float | None:
-        """Offset across the face at which the tangents are best at right angles to the radii."""
-        rings = self.rings
-        across, inward = frame_of(direction)
-        away = rings.points - self.centre
-        across_all = away - np.outer(away @ direction, direction) - depth_px * inward
-        # The radius, seen on the face, must be at right angles to the tangent: t . (away - offset across) = 0.
-        left = rings.tangents @ across
-        right = (rings.tangents * across_all).sum(axis=1)
-        size = np.linalg.norm(across_all, axis=1) + 0.1 * self.size_px
-        for _ in range(3):
-            weight = rings.weight / size
-            power = float((weight * left * left).sum())
-            if power < 1e-6 * float(weight.sum()):
-                return None
-            offset = float((weight * left * right).sum() / power)
-            size = np.linalg.norm(across_all - offset * across, axis=1) + 0.1 * self.size_px
-        return offset
+def feet(origin: FloatArray, direction: FloatArray, centre: FloatArray) -> FloatArray:
+    """Points nearest to `centre` (3,) of lines through `origin` along unit vectors `direction`, shape (..., 3)."""
+    along = ((origin - centre) * direction).sum(axis=-1, keepdims=True)
+    return np.asarray(origin - along * direction)
 
 
 def direction_of(tilt: float, azimuth: float) -> FloatArray:

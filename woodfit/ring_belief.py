@@ -104,9 +104,7 @@ def mean_slope(strength: FloatArray, valid: npt.NDArray[np.bool_], ring_scale_px
     return enlarged(np.asarray(total / (mass + 1e-6), np.float32), step, strength.shape)
 
 
-def without_doubtful(
-    traces: list[Trace], least: float = 0.5, least_at_ends: float = 0.25
-) -> list[Trace]:
+def without_doubtful(traces: list[Trace], least: float = 0.5, least_at_ends: float = 0.25) -> list[Trace]:
     """Traces that are more likely right than `least`, without ends that wander off.
 
     Parameters

@@ -206,8 +206,10 @@ def _joined(
     pieces = []
     for i in ring.members:
         theta, _ = _polar(traces[i].points, pith)
-        trace = traces[i] if theta[-1] > theta[0] else replace(
-            traces[i], points=traces[i].points[::-1], confidence=traces[i].confidence[::-1]
+        trace = (
+            traces[i]
+            if theta[-1] > theta[0]
+            else replace(traces[i], points=traces[i].points[::-1], confidence=traces[i].confidence[::-1])
         )
         theta, _ = _polar(trace.points, pith)
         pieces.append((float(theta[0] % (2.0 * np.pi)), float(theta[-1] - theta[0]), trace))

@@ -197,9 +197,7 @@ def _votes(
         for x, y in points[:: max(1, min(4, len(points) // 12))]:
             x, y = float(np.clip(x, 0, width - 1)), float(np.clip(y, 0, height - 1))
             for outwards in (1.0, -1.0):
-                met, cycles, _, turned = _meet(
-                    labels, grow_x, grow_y, freq, wave, valid, x, y, number, outwards, 4.6
-                )
+                met, cycles, _, turned = _meet(labels, grow_x, grow_y, freq, wave, valid, x, y, number, outwards, 4.6)
                 if met == 0 or met == number:
                     continue
                 # A ring may be half as wide again as its neighbours: it takes most of a second cycle to say that one

@@ -6,21 +6,29 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
-from woodfit.pith import Pith
+from woodfit.cylinder_grid import cylindrical
+from woodfit.pith import Pith, board_to_tree
 from woodfit.pith_energy import RingPoints, radii
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Vertices of other groups that each vertex is compared with.
+NEIGHBOURS = 6
+
+#: Share of those pairs, the nearest ones, that tells how groups are tied.
+NEAREST = 0.05
+
 
 def ring_radii(
-    rings: RingPoints, pith: Pith, smallest_share: float = 0.25
+    rings: RingPoints, pith: Pith, smallest_share: float = 0.25, stem: npt.ArrayLike | None = None
 ) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
     """Ideal radius of every boundary from the pith out.
 
-    Groups that no vote ties to the largest are shifted by the whole number of rings that fits their radii best.
-    Boundaries that were not traced lie evenly between their neighbours; those inside the innermost continue with the
-    mean width down to the pith, whose age is 0.
+    Groups that no vote ties to the largest (of other faces of a block too) are shifted by the whole number of rings
+    that fits their vertices to those near them in the wood. Boundaries that were not traced lie evenly between their
+    neighbours; those inside the innermost continue with the mean width down to the pith, whose age is 0.
 
     Parameters
     ----------
@@ -28,6 +36,8 @@ def ring_radii(
         The sampled boundaries and the fitted line.
     smallest_share : float
         Least width of a ring, as a share of the mean width.
+    stem : array of shape (3,), optional
+        Bend and taper of the stem in the tree frame at the foot of the rings' centre, 1/px.
 
     Returns
     -------
@@ -38,31 +48,33 @@ def ring_radii(
     width : float
         Mean ring width, px (shape ()).
     """
-    r = radii(rings.points, pith.point, pith.direction)
-    of_ring = [rings.ring == i for i in range(len(rings.index))]
-    mean = np.array([_weighted_median(r[mine], rings.weight[mine]) for mine in of_ring])
-    index, group = rings.index, rings.group
-    main = group == 0
-    span = int(np.ptp(index[main]))
-    if span > 0:
-        width = float((mean[main].max() - mean[main].min()) / span)
-        slope = np.polyfit(index[main], mean[main], 1)[0]
-        width = float(max(abs(slope), 0.3 * width, 1e-3))
+    if stem is None or not np.any(stem):
+        r = radii(rings.points, pith.point, pith.direction)
     else:
-        width = float(max(np.ptp(r), 1.0))
-    innermost = int(index[main].min())
-    first = max(1, round(float(mean[main][index[main] == innermost][0]) / width))
+        centre = rings.centre if pith.centre is None else pith.centre
+        r = np.asarray(cylindrical(rings.points, board_to_tree(pith, centre), stem)[0], np.float64)
+    count = len(rings.index)
+    mass = np.bincount(rings.ring, rings.weight, minlength=count)
+    mean = np.array([_weighted_median(r[rings.ring == i], rings.weight[rings.ring == i]) for i in range(count)])
+    index, group = rings.index, rings.group
+    seen = mass > 0.0
+    order = np.argsort(-np.bincount(group, mass), kind="stable")
+    largest = (group == order[0]) & seen
+    width = _mean_width(index[largest], mean[largest], r)
+    innermost = index[largest].argmin()
     shift = np.zeros(int(group.max()) + 1, np.int64)
-    shift[0] = first - innermost
+    shift[order[0]] = max(1, round(float(mean[largest][innermost]) / width)) - int(index[largest][innermost])
     known: dict[int, list[tuple[float, float]]] = {}
-    mass = np.bincount(rings.ring, rings.weight, minlength=len(index))
-    for number in range(len(shift)):
-        members = np.flatnonzero(group == number)
-        if number > 0:
+    placed = np.zeros(len(r), bool)
+    for number in order:
+        members = np.flatnonzero((group == number) & seen)
+        mine = group[rings.ring] == number
+        if placed.any() and len(members):
             ages = np.array(sorted(known))
-            table = _mean_radii(known, ages)
-            guess = _age_at(mean[members], ages, table, width)
-            shift[number] = round(float(np.average(guess - index[members], weights=mass[members])))
+            age = _age_at(r, ages, _mean_radii(known, ages), width)
+            own = index[rings.ring]
+            shift[number] = _shift_to(rings, age, own, own + shift[group[rings.ring]], mine, placed)
+        placed |= mine
         for i in members:
             known.setdefault(int(index[i] + shift[number]), []).append((float(mean[i]), float(mass[i])))
     least = min(known)
@@ -73,6 +85,38 @@ def ring_radii(
     table = _mean_radii(known, ages)
     weights = np.array([sum(m for _, m in known[a]) for a in ages])
     return _monotone(ages, table, weights, width, smallest_share), shift, np.asarray(width)
+
+
+def _mean_width(index: npt.NDArray[np.int64], mean: FloatArray, r: FloatArray) -> float:
+    """Mean ring width, px, from the mean radii of boundaries with these indices."""
+    span = int(np.ptp(index))
+    if span == 0:
+        return float(max(np.ptp(r), 1.0))
+    slope = np.polyfit(index, mean, 1)[0]
+    return float(max(abs(slope), 0.3 * np.ptp(mean) / span, 1e-3))
+
+
+def _shift_to(
+    rings: RingPoints,
+    age: FloatArray,
+    index: npt.NDArray[np.int64],
+    placed_age: npt.NDArray[np.int64],
+    mine: npt.NDArray[np.bool_],
+    placed: npt.NDArray[np.bool_],
+) -> int:
+    """Whole number that takes the indices of a group's vertices to ages that continue those of vertices near them.
+
+    `age` (K,) is the age by the radius alone. It is off where growth was not round, but by about as much at two
+    vertices near one another, so only its difference is used.
+    """
+    there = np.flatnonzero(placed)
+    here = np.flatnonzero(mine)
+    way, near = cKDTree(rings.points[there]).query(rings.points[here], k=min(NEIGHBOURS, len(there)))
+    way, near = way.reshape(len(here), -1), there[near.reshape(len(here), -1)]
+    wanted = placed_age[near] + age[here][:, None] - age[near] - index[here][:, None]
+    # Only what is nearest tells: farther on, growth that is not round puts ages off by whole rings.
+    weight = rings.weight[here][:, None] * rings.weight[near] * (way <= np.quantile(way, NEAREST))
+    return round(_weighted_median(wanted.ravel(), weight.ravel()))
 
 
 def _mean_radii(known: dict[int, list[tuple[float, float]]], ages: npt.NDArray[Any]) -> FloatArray:

@@ -93,9 +93,7 @@ def describe_doubt(found: Rings) -> list[str]:
     return said
 
 
-def grain_ratio(
-    value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: npt.NDArray[np.bool_]
-) -> float:
+def grain_ratio(value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> float:
     """Mean square slope of the fine texture across the rings over that along them, rings themselves removed.
 
     A large face is looked at in every third block of 128 px both ways.
@@ -198,9 +196,7 @@ def find_rings(
         if grain > STREAKED:
             pores = min(pores, 2.0 * PORES)
     along_stem = float(np.clip((grain - 0.9) / 0.25, 0.0, 1.0))
-    growth = find_growth(
-        normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, along_stem, pith
-    )
+    growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, along_stem, pith)
     # A wave that rises through zero along the edge direction has phase -pi/2 there.
     with_growth = np.cos(growth.direction - normal) >= 0.0
     rising = 0.5 * np.pi if growth.bright_outwards else -0.5 * np.pi
@@ -274,9 +270,7 @@ def _onto_edges(
         weights = np.concatenate([t.confidence for t in moved])
         lag, spread = _weighted_median(np.concatenate(lags), weights), 0.08
     height, width_px = strength.shape
-    inside = [
-        replace(t, points=np.clip(t.points, [-0.5, -0.5], [width_px - 0.5, height - 0.5])) for t in moved
-    ]
+    inside = [replace(t, points=np.clip(t.points, [-0.5, -0.5], [width_px - 0.5, height - 0.5])) for t in moved]
     return inside, lag
 
 

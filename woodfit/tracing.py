@@ -34,9 +34,7 @@ class Trace:
 
 
 @njit(cache=True)
-def _mark(
-    owner: npt.NDArray[np.int32], x: float, y: float, radius: float, label: int
-) -> None:
+def _mark(owner: npt.NDArray[np.int32], x: float, y: float, radius: float, label: int) -> None:
     height, width = owner.shape
     r = int(radius + 1.0)
     cx = int(x + 0.5)

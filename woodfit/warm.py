@@ -11,6 +11,7 @@ import numpy as np
 
 from woodfit import patch_gabor
 from woodfit.curved_gabor import Region, curved_gabor
+from woodfit.fine_grain import FineGrain
 from woodfit.ring_scale import level_scores
 from woodfit.rings import find_rings
 from woodfit.structure_tensor import orientation
@@ -27,6 +28,10 @@ def warm() -> None:
     angle, _ = orientation(value, valid, 1.0, 4.0)
     field = curved_gabor(value, valid, angle, scale_px, region, 5.0, 16.0)
     patch_gabor.respond(value, valid, angle, field.frequency, region, np.array([32]), np.array([36]))
+    line = np.linspace(1.0, 50.0, 64)
+    FineGrain.of(np.arange(4), np.full((4, 3), 4.0), np.ones(4), np.ones((4, 2)), np.ones((4, 3))).log_factor(
+        line, line, line, line
+    )
     rings = find_rings(
         value,
         valid,

@@ -26,9 +26,7 @@ _SAMPLES = 16.0
 
 
 @njit(inline="always")
-def solve_wave(
-    w: Any, c: Any, s: Any, cc: Any, cs: Any, z: Any, zc: Any, zs: Any, zz: Any
-) -> tuple[Any, Any]:
+def solve_wave(w: Any, c: Any, s: Any, cc: Any, cs: Any, z: Any, zc: Any, zs: Any, zz: Any) -> tuple[Any, Any]:
     """Least squares of z = mean + a cos + b sin from its weighted sums; the wave and the explained share.
 
     w is the window's mass, c and s are the sums of cos and sin, z that of the signal, pairs those of products.

@@ -122,4 +122,3 @@ def _array(file: zipfile.ZipFile, name: str, meta: Mapping[str, Any]) -> npt.NDA
         raise ValueError(f"array `{name}` holds {len(data)} bytes, expected {size}")
     values: npt.NDArray[Any] = np.frombuffer(data, kind).reshape(shape).astype(meta["data_type"])
     return values
-

@@ -16,6 +16,7 @@ from pipeline.report.pictures import Picture, fit, jpeg
 from pipeline.report.reading import Frame, Scan
 from stages.variables import (
     RING_AGE_SHIFT,
+    RING_AGE_SIGN,
     RING_CLOSED,
     RING_CONFIDENCE,
     RING_GROUP,
@@ -74,7 +75,10 @@ def rings_of(scan: Scan) -> list[Ring] | None:
     counted = group == 0
     if scan.block is not None and scan.has(RING_AGE_SHIFT):
         # Each face was counted on its own; in the block a ring has one number on all faces.
-        index, counted = index + scan.values(RING_AGE_SHIFT)[group], np.ones(len(group), bool)
+        index, counted = (
+            scan.values(RING_AGE_SIGN)[group] * index + scan.values(RING_AGE_SHIFT)[group],
+            np.ones(len(group), bool),
+        )
     rows = zip(index, confidence, closed, counted, pieces, strict=True)
     return [Ring(int(i), float(c), bool(k), bool(g), p) for i, c, k, g, p in rows if len(p)]
 
