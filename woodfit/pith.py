@@ -156,6 +156,8 @@ def fit_pith(
     modes = _modes(cost, found)
     steps = explore(cost, modes, np.random.default_rng(seed))
     (energy, point, along), spread = middle(cost, modes[0], steps, mirrors)
+    # A tree that strays farther from round than usual leaves its pith less sure (reduced chi-square).
+    spread = spread * max(1.0, math.sqrt(cost.evidence.unevenness(point, along)))
     if mirrors and (point[2] < 0.0) == pith_behind and point[2] != 0.0:
         # Mirror in the face: the photograph is the same.
         point, along = point * [1.0, 1.0, -1.0], along * [1.0, 1.0, -1.0]

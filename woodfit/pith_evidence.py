@@ -191,6 +191,11 @@ class Evidence:
         misfit = (r * (r @ self.precision)).sum(axis=1) / self.typical(r @ self.mean_of.T) ** 2
         return self._misfit_cost(misfit) + self._cost(r, away)
 
+    def unevenness(self, origin: FloatArray, direction: FloatArray) -> float:
+        """Squared misfit about one line, shape (3,) both, over its degrees of freedom: 1 for usual growth."""
+        misfit = self.rounded(origin[None], direction[None])[3]
+        return float(misfit[0] / max(float(self.distorted.sum()), 1.0))
+
     def _misfit_cost(self, misfit: FloatArray) -> FloatArray:
         """Cost (L,) of squared misfits (L,): how strongly this tree strays from round is not known beforehand."""
         freedom = float(self.distorted.sum()) + USUAL_STRENGTH
