@@ -119,7 +119,9 @@ def pose(ds: xr.Dataset, params: PoseParams) -> xr.Dataset:
 
     lines, _ = polylines_of(ds)
     belief = np.split(vertex_weights(ds), np.cumsum([len(line) for line in lines])[:-1]) if lines else []
-    planes, x, y = planes_of(ds), ds.coords["x"].values, ds.coords["y"].values
+    # A face alone is fitted as if it faced the camera, wherever it lies on its block.
+    planes, to_facing = planes_of(ds).facing()
+    x, y = ds.coords["x"].values, ds.coords["y"].values
     ties, (index, group, cluster) = _tied(ds, planes)
     rings = pith_energy.sample_rings(lines, belief, index, group, planes=planes)
     face = pose_story.Face.around(planes, rings.points, x, y)
@@ -143,7 +145,7 @@ def pose(ds: xr.Dataset, params: PoseParams) -> xr.Dataset:
         figures["bend and taper of the stem (1/px)"] = ", ".join(f"{value:.2e}" for value in stem)
     return xr.Dataset(
         {
-            BOARD_TO_TREE.name: BOARD_TO_TREE.array(pith.board_to_tree(fitted, face.centre)),
+            BOARD_TO_TREE.name: BOARD_TO_TREE.array(pith.board_to_tree(fitted, face.centre) @ to_facing),
             RING_RADIUS.name: RING_RADIUS.array(radius),
             RING_AGE_SIGN.name: RING_AGE_SIGN.array(ties.sign),
             RING_AGE_SHIFT.name: RING_AGE_SHIFT.array(ties.shift + shift[cluster]),

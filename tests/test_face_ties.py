@@ -65,6 +65,25 @@ def test_the_single_face_is_the_picture_at_depth_zero() -> None:
     npt.assert_array_equal(Planes.single().turn(np.array([0.6]), np.array([0.8]), np.array([9.0])), [[0.6, 0.8, 0.0]])
 
 
+def test_a_face_alone_is_seen_as_if_it_faced_the_camera() -> None:
+    plane = np.array([[[5.0, -3.0, 2.0], [0.0, 0.0, 1.5], [0.0, -1.5, 0.0]]])
+    planes = Planes(plane, np.zeros(1))
+    facing, there = planes.facing()
+    x, y = np.array([0.0, 4.0, 7.0]), np.array([0.0, 2.0, 30.0])
+    npt.assert_allclose(facing.lift(x, y), np.stack([1.5 * x, 1.5 * y, 0 * x], axis=-1), atol=1e-9)
+    npt.assert_allclose(planes.lift(x, y) @ there[:3, :3].T + there[:3, 3], facing.lift(x, y), atol=1e-9)
+    npt.assert_allclose(there[:3, :3] @ there[:3, :3].T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(there[:3, :3]) == pytest.approx(1.0)
+
+
+def test_faces_round_a_block_stay_where_they_are() -> None:
+    both = Planes(np.array([BOX["front"], BOX["right"]], float), np.array([0.0, 300.0]))
+    facing, there = both.facing()
+    assert facing is both
+    npt.assert_array_equal(there, np.eye(4))
+    npt.assert_array_equal(Planes.single().facing()[1], np.eye(4))
+
+
 @pytest.mark.parametrize("names", [("front", "right"), ("front", "top", "bottom"), tuple(BOX)])
 def test_rings_numbered_anew_on_every_face_are_tied_to_one_numbering(names: tuple[str, ...]) -> None:
     shifts = dict(zip(BOX, ((1, 0), (1, -4), (1, 11), (1, 3)), strict=True))

@@ -49,3 +49,26 @@ class Planes:
         """Board-frame vectors (..., 3) of directions dx, dy (...) on the photographs at atlas y (...)."""
         plane = self.plane[self.face_of(np.asarray(y))]
         return np.asarray(np.asarray(dx)[..., None] * plane[..., 1, :] + np.asarray(dy)[..., None] * plane[..., 2, :])
+
+    def facing(self) -> tuple[Planes, FloatArray]:
+        """Return the planes in a frame in which they face the camera, and the way there.
+
+        Returns
+        -------
+        planes : Planes
+            If all faces lie on one plane, turned and moved to z = 0 with the first one's rows along x; else as they are.
+        to_facing : array of shape (4, 4)
+            Rigid transform from the board frame to that frame, px to px.
+        """
+        normal = np.cross(self.plane[:, 1], self.plane[:, 2])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        level = (self.plane[:, 0] - self.plane[0, 0]) @ normal[0]
+        if np.any(np.abs(level) > 0.5) or np.any(normal @ normal[0] < 1.0 - 1e-6):
+            return self, np.eye(4)
+        right = self.plane[0, 1] / np.linalg.norm(self.plane[0, 1])
+        turn = np.stack([right, np.cross(normal[0], right), normal[0]])
+        to_facing = np.eye(4)
+        to_facing[:3, :3], to_facing[:3, 3] = turn, -turn @ self.plane[0, 0]
+        plane = self.plane @ turn.T
+        plane[:, 0] += to_facing[:3, 3]
+        return Planes(plane, self.top), to_facing
