@@ -16,6 +16,8 @@ import xarray as xr
 
 from pipeline.context import ProductContext
 from stages import variables as v
+from stages.faces import single_face
+from woodfit.fine_grain import FineGrain
 from woodfit.synthetic import Log, srgb_decode
 from woodfit.synthetic_scenes import scene
 
@@ -71,6 +73,7 @@ def fake_results(name: str = "flat_sawn", size: tuple[int, int] = (150, 160), kn
     strip = np.arange(0.5 / 32, len(log.boundaries) - 1, 1 / 32)
     seen = (strip > age.min()) & (strip < age.max())
     dpi = 25.4 / sample.dpi if sample.dpi and known_scale else np.nan
+    none = FineGrain.none()
     images = {
         v.RGB: srgb_decode(encoded / 255.0).astype("f4"),
         v.VALUE: (encoded.max(axis=-1) / 255.0).astype("f4"),
@@ -103,6 +106,14 @@ def fake_results(name: str = "flat_sawn", size: tuple[int, int] = (150, 160), kn
         v.SAMPLES_PER_RING: 32,
         v.BOARD_TO_TREE: matrix,
         v.RING_RADIUS: log.boundaries,
+        v.STEM: np.zeros(3),
+        v.FINE_GRAIN_KIND: none.kind,
+        v.FINE_GRAIN_CELLS: none.cells,
+        v.FINE_GRAIN_DENSITY: none.density,
+        v.FINE_GRAIN_AMPLITUDE: none.amplitude,
+        v.FINE_GRAIN_COLOR: none.color,
+        v.FINE_GRAIN_LOG_MEAN: none.log_mean,
+        v.FINE_GRAIN_SEED: 0,
         v.POSE_SPREAD: np.array([0.004, 0.03, 4.0, 41.0]),
         v.DISPLACEMENT: np.zeros((4, 4, 4)),
         v.POLISHED_DISPLACEMENT: np.zeros((4, 4, 4)),
@@ -112,7 +123,7 @@ def fake_results(name: str = "flat_sawn", size: tuple[int, int] = (150, 160), kn
         v.STRIP_SUPPORT: np.where(seen, 90.0, 0.0),
     }
     ds = xr.Dataset({variable.name: variable.array(values) for variable, values in {**images, **plain}.items()})
-    ds = ds.assign_coords(coords | {"strip": strip})
+    ds = ds.assign(single_face().data_vars).assign_coords(coords | {"strip": strip})
     ds.attrs["log"] = log
     return ds
 

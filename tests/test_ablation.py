@@ -303,11 +303,14 @@ def test_the_command_runs_the_stages_and_writes_one_picture(board: tuple[Path, P
 
 def test_image_loss_gives_the_face_back_and_breaks_the_rings(board: tuple[Path, Path, str]) -> None:
     blind, begun, ours = (one.figures for one in variants_of(board[0], 60)[0])
+    # Colors and rings are moved together until the face looks right, wherever the rings then are.
+    assert begun[IMAGE_ERROR] < ours[IMAGE_ERROR]
     for other in (blind, begun):
-        assert other[IMAGE_ERROR] < 1.1 * ours[IMAGE_ERROR]
-        assert other[PHASE_ERROR] > 2.0 * ours[PHASE_ERROR]
-        assert other[ROUGHNESS] > 2.0 * ours[ROUGHNESS]
-        assert min(other[FOLD_OVER], other[FACE_FOLD]) > 1e-3
+        assert other[PHASE_ERROR] > 3.0 * ours[PHASE_ERROR]
+        assert other[ROUGHNESS] > 1.1 * ours[ROUGHNESS]
+        assert other[FOLD_OVER] > 1e-3
+    assert blind[ROUGHNESS] > 2.0 * ours[ROUGHNESS]
+    assert blind[FACE_FOLD] > 1e-3
     assert ours[FOLD_OVER] == ours[FACE_FOLD] == 0.0
 
 

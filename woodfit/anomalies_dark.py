@@ -22,8 +22,6 @@ _KNOT, _HOLE = 0.45, 1.2
 _VESSELS = 0.8
 #: Where rings bend more sharply than this (rad per ring width) their direction is not known well enough.
 _BEND = 0.3
-#: A dark lump so many rings thick is no ring, whatever its direction.
-_THICK = 0.8
 #: No knot is sought this near to the pith (ring widths), nor beside what is not wood if it is more than a share.
 _PITH, _MOST_OFF_WOOD = 1.5, 0.25
 #: From this squared sine of the angle to the rings a line runs across them.
@@ -157,7 +155,7 @@ def _knots(dark: FloatArray, face: Face, smallest_rings: float) -> FloatArray:
         around = surroundings(rows, cols, part, face, smooth)
         if around.off_wood > _MOST_OFF_WOOD or (face.pith and math.dist(shape.centre, face.pith) < _PITH * ring):
             continue
-        stout = shape.length < _SLENDER * shape.thickness or shape.thickness > _THICK * ring
+        stout = shape.length < _SLENDER * shape.thickness
         evidence = (float(excess[rows, cols][part].mean()) + around.drop) / _KNOT * (_VESSELS if face.vessels else 1.0)
         if evidence > 1.0 and (stout or around.across > _ACROSS):
             found[rows, cols][part] = evidence
