@@ -16,7 +16,7 @@ from woodfit.pith_evidence import Evidence
 FloatArray = npt.NDArray[np.float64]
 
 #: Boards are sawn along or across the stem: departures from both cost, gently for large ones.
-SAWN_WITHIN_RAD, SAWN_COST = 0.06, 1.0
+SAWN_WITHIN_RAD, SAWN_COST = 0.06, 1.5
 
 #: Distance of the pith in sizes of the face from which on it gets unlikely, and the scatter of its log.
 USUAL_DISTANCE, DISTANCE = 0.5, 0.8
