@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -337,6 +338,11 @@ def test_the_wood_in_a_window_is_that_of_the_reduced_mask() -> None:
 # --- the stages ------------------------------------------------------------------------------------------------------
 
 
+@cache
+def drawn_board(name: str, size: tuple[int, int]) -> xr.Dataset:
+    return after_all_stages(scene(name, size, 0).face.rgb_encoded)
+
+
 def after_all_stages(encoded: Array) -> xr.Dataset:
     one = {"units": "1"}
     height, width = encoded.shape[:2]
@@ -374,17 +380,15 @@ def face_differences(one: SolidTexture, encoded: Array, valid: Array) -> tuple[A
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("flat_sawn", marks=pytest.mark.slow),
         "quarter_sawn",
-        "end_grain_pith",
-        pytest.param("ring_porous", marks=pytest.mark.slow),
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("flat_sawn", "end_grain_pith", "ring_porous")),
     ],
 )
 def test_the_face_of_a_drawn_board_has_its_spectrum_with_fine_grain(name: str) -> None:
     # In 300 px of this flat-sawn board there are two rings, and its streaks pass for more.
     size = (480, 500) if name == "flat_sawn" else (300, 320)
     encoded = scene(name, size, 0).face.rgb_encoded
-    ds = after_all_stages(encoded)
+    ds = drawn_board(name, size)
     one = solid_texture_of(ds)
     valid = ds["valid"].values & (ds["anomaly"].values == 0)
     bare = face_differences(replace(one, fine_grain=FineGrain.none()), encoded, valid)
@@ -394,7 +398,7 @@ def test_the_face_of_a_drawn_board_has_its_spectrum_with_fine_grain(name: str) -
 
 
 def test_fine_grain_can_be_left_out_of_the_texture() -> None:
-    ds = after_all_stages(scene("quarter_sawn", (200, 220), 0).face.rgb_encoded)
+    ds = drawn_board("quarter_sawn", (300, 320))
     stage = STAGES[-1]
     assert stage.name == "fine_grain"
     bare = stage(ds, stage.params_type(enabled=False))

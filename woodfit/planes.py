@@ -56,7 +56,7 @@ class Planes:
         Returns
         -------
         planes : Planes
-            If all faces lie on one plane, turned and moved to z = 0 with the first one's rows along x; else as they are.
+            If all faces lie on one plane, turned and moved to z = 0, the first one's rows along x; else as they are.
         to_facing : array of shape (4, 4)
             Rigid transform from the board frame to that frame, px to px.
         """

@@ -15,9 +15,6 @@ from woodfit.pith_energy import RingPoints, radii
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Rings near the pith are wider, by this share at most, and over so many years the surplus is lost: juvenile wood.
-JUVENILE, JUVENILE_YEARS = 0.35, 12.0
-
 #: Rings next to those that are not seen that tell how wide these are, as much as all rings do.
 NEXT_RINGS = 8
 
@@ -35,8 +32,8 @@ def ring_radii(
 
     Groups that no vote ties to the largest (of other faces of a block too) are shifted by the whole number of rings
     that fits their vertices to those near them in the wood. Boundaries that were not traced lie evenly between their
-    neighbours; those inside the innermost continue with the width of the innermost ones, a little wider towards the
-    pith, whose age is 0.
+    neighbours; those inside the innermost continue evenly with about the width of the innermost ones to the pith,
+    whose age is 0.
 
     Parameters
     ----------
@@ -72,7 +69,7 @@ def ring_radii(
     innermost = index[largest].argmin()
     shift = np.zeros(int(group.max()) + 1, np.int64)
     inner = math.sqrt(width * _inner_width(index[largest], mean[largest], width))
-    shift[order[0]] = _rings_inside(float(mean[largest][innermost]), inner) - int(index[largest][innermost])
+    shift[order[0]] = max(1, round(float(mean[largest][innermost]) / inner)) - int(index[largest][innermost])
     known: dict[int, list[tuple[float, float]]] = {}
     placed = np.zeros(len(r), bool)
     for number in order:
@@ -111,22 +108,6 @@ def _inner_width(index: npt.NDArray[np.int64], mean: FloatArray, width: float) -
     span = int(np.ptp(index[order]))
     found = float(mean[order[-1]] - mean[order[0]]) / span if span else width
     return min(max(found, 0.5 * width), 2.0 * width)
-
-
-def _juvenile(count: int) -> FloatArray:
-    """Relative radii at ages 0 to `count`, 1 at the last."""
-    widths = 1.0 + JUVENILE * np.exp(-(np.arange(count) + 0.5) / JUVENILE_YEARS)
-    return np.concatenate([[0.0], np.cumsum(widths) / widths.sum()])
-
-
-def _rings_inside(radius: float, width: float) -> int:
-    """How many rings there are up to a boundary of some radius (px), where rings are `width` px wide; at least one."""
-    most = max(1, math.ceil(2.0 * radius / width))
-    ages = np.arange(most) + 0.5
-    widths = 1.0 + JUVENILE * np.exp(-ages / JUVENILE_YEARS)
-    # Whatever the age at that boundary is, the width there is the one that was seen.
-    at_edge = 1.0 + JUVENILE * np.exp(-np.arange(1, most + 1) / JUVENILE_YEARS)
-    return 1 + int(np.argmin(np.abs(np.log(np.maximum(width * np.cumsum(widths) / at_edge / max(radius, 1e-6), 1e-6)))))
 
 
 def _shift_to(
@@ -191,6 +172,5 @@ def _monotone(
     level = np.concatenate([np.full(int(n), v) for v, _, n in blocks])
     fitted = level + least * ages
     fitted = fitted + max(0.0, 0.2 * least * ages[0] - fitted[0])
-    first = int(ages[0])
-    every = np.arange(first, int(ages[-1]) + 1)
-    return np.concatenate([fitted[0] * _juvenile(first)[:-1], np.interp(every, ages, fitted)])
+    every = np.arange(int(ages[-1]) + 1)
+    return np.asarray(np.interp(every, np.concatenate([[0], ages]), np.concatenate([[0.0], fitted])))
