@@ -272,6 +272,7 @@ def test_a_face_without_fine_grain_gets_hardly_any() -> None:
     assert found.log_factor(*places).std() < 0.02
 
 
+@pytest.mark.slow
 def test_dark_spots_become_pores_and_plain_noise_does_not() -> None:
     def made(kind: int, density: float, depth: float) -> FineGrain:
         cells = np.array([[2.0, 2.0, 32.0]])
