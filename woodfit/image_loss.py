@@ -279,7 +279,7 @@ def _descend(
     for step in range(steps):
         optimizer.zero_grad()
         loss = loss_of()
-        loss.backward()  # type: ignore[no-untyped-call]
+        torch.autograd.backward(loss)
         optimizer.step()
         losses[step] = float(loss.detach())
     return losses
