@@ -83,7 +83,7 @@ class FineGrainParams(Params):
         FINE_GRAIN_LOG_MEAN,
         FINE_GRAIN_SEED,
     ),
-    version=1,
+    version=2,
     params=FineGrainParams,
     sees_block=True,
 )

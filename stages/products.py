@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from stages.polylines import polylines_of
+from stages.polylines import planes_of, polylines_of
 from stages.stage import Variable, scalar
 from stages.variables import (
     ABSENT_YEARS,
@@ -19,6 +19,7 @@ from stages.variables import (
     BOARD_TO_TREE,
     BRIGHT_OUTWARDS,
     COLOR_STRIP,
+    FACE_AGE,
     FACE_PLANE,
     FACE_TOP,
     FINE_GRAIN_AMPLITUDE,
@@ -51,6 +52,7 @@ from stages.variables import (
 )
 from woodfit.cylinder_grid import CylinderGrid
 from woodfit.fine_grain import FineGrain
+from woodfit.seen import Seen, seen_on
 from woodfit.solid_texture import SolidTexture
 
 
@@ -155,7 +157,14 @@ def solid_texture_of(ds: xr.Dataset) -> SolidTexture:
         length_unit=ds[FACE_PLANE.name].attrs.get("block_unit") or "mm",
         stem=ds[STEM.name].values,
         fine_grain=_fine_grain_of(ds) if FINE_GRAIN_KIND.name in ds else FineGrain.none(),
+        seen=_seen_of(ds),
     )
+
+
+def _seen_of(ds: xr.Dataset) -> Seen:
+    planes, x, y = planes_of(ds), ds.coords["x"].values, ds.coords["y"].values
+    face = planes.face_of(y)
+    return seen_on(planes.plane, planes.top, ds[VALID.name].values, x, y, face, ds[FACE_AGE.name].values)
 
 
 def _fine_grain_of(ds: xr.Dataset) -> FineGrain:
@@ -226,6 +235,8 @@ TEXTURE = Product(
         AZIMUTH_WRAPS,
         SAMPLES_PER_RING,
         FACE_PLANE,
+        FACE_TOP,
+        FACE_AGE,
         STEM,
         FINE_GRAIN_KIND,
         FINE_GRAIN_CELLS,
@@ -235,7 +246,7 @@ TEXTURE = Product(
         FINE_GRAIN_LOG_MEAN,
         FINE_GRAIN_SEED,
     ),
-    2,
+    3,
     write_texture,
 )
 
@@ -257,6 +268,6 @@ SERIES = Product(
     write_series,
 )
 
-LIU = Product("liu", "liu.json", (*TEXTURE.requires, FACE_TOP), 1, write_liu)
+LIU = Product("liu", "liu.json", TEXTURE.requires, 1, write_liu)
 
 PRODUCTS = (RINGS, SERIES, TEXTURE, LIU)

@@ -134,7 +134,7 @@ def test_the_color_has_no_seam_anywhere_along_the_radius() -> None:
     one = plain()
     strip = np.column_stack([one.color_strip, one.lateness_strip])
     # From the pith over all ring boundaries, past the strip's end and the eight rings that come again, twice.
-    radius = np.linspace(0.0, one.ring_radius[-1] + 20 * one._mean_width, 400_001)
+    radius = np.linspace(0.0, one.ring_radius[-1] + 20 * one.mean_width, 400_001)
     wood = one.evaluate(from_tree(radius, 0.2, 5.0))
     per_sample = np.diff(wood.ring_age).max() * SAMPLES
     # The widest step between samples, the one from the last ring back to its eighth last included.
@@ -154,17 +154,17 @@ def test_samples_of_the_strip_lie_at_their_ages() -> None:
 
 def test_beyond_the_last_ring_there_is_still_wood() -> None:
     one = plain()
-    beyond = one.ring_radius[-1] + np.linspace(0.5, 16.0, 1000) * one._mean_width
+    beyond = one.ring_radius[-1] + np.linspace(0.5, 16.0, 1000) * one.mean_width
     wood = one.evaluate(from_tree(beyond, 0.4, 0.0))
     npt.assert_allclose(wood.ring_age, RINGS + np.linspace(0.5, 16.0, 1000), atol=1e-9)
     assert wood.rgb.std(axis=0).min() > 0.5 * one.color_strip.std(axis=0).min()
     assert wood.lateness.max() > 0.9
     assert wood.lateness.min() < 0.1
     # The last eight rings come again: color of age is color of age minus eight.
-    again = one.evaluate(from_tree(beyond + 8 * one._mean_width, 0.4, 0.0))
+    again = one.evaluate(from_tree(beyond + 8 * one.mean_width, 0.4, 0.0))
     npt.assert_allclose(again.rgb, wood.rgb, atol=1e-4)
     shown = np.interp(RINGS - 8 + np.linspace(0.5, 7.5, 100), np.arange(RINGS + 1), one.ring_radius)
-    first = one.evaluate(from_tree(one.ring_radius[-1] + np.linspace(0.5, 7.5, 100) * one._mean_width, 0.4, 0.0))
+    first = one.evaluate(from_tree(one.ring_radius[-1] + np.linspace(0.5, 7.5, 100) * one.mean_width, 0.4, 0.0))
     npt.assert_allclose(first.rgb, one.evaluate(from_tree(shown, 0.4, 0.0)).rgb, atol=1e-4)
 
 
@@ -364,7 +364,7 @@ def other_group(path: Path) -> None:
 def later_version(path: Path) -> None:
     texture().save(path)
     arrays, attributes = read(path)
-    write(path, arrays, {**attributes, "format_version": 3})
+    write(path, arrays, {**attributes, "format_version": 4})
 
 
 def without_an_array(path: Path) -> None:
@@ -392,7 +392,7 @@ def nothing(path: Path) -> None:
         (nothing, "not a readable solid texture"),
         (folder, "not a readable solid texture"),
         (other_group, "not a woodpipe solid texture"),
-        (later_version, "version 3, this woodpipe reads versions 1 and 2"),
+        (later_version, "version 4, this woodpipe reads versions 1, 2 and 3"),
         (without_an_array, "lacks 'ring_radius'"),
     ],
 )

@@ -106,8 +106,8 @@ class FineGrain:
 
     @property
     def seeds(self) -> npt.NDArray[np.uint64]:
-        """Seed of each noise."""
-        mixed = np.random.SeedSequence(self.seed).generate_state(1, np.uint64)[0]
+        """Seed of each noise, below 2³²."""
+        mixed = np.random.SeedSequence(self.seed).generate_state(1)[0]
         # Kind and cells, not the place in the list, tell noises apart: one more leaves the others as they were.
         return np.array(
             [mixed ^ _name(kind, cells) for kind, cells in zip(self.kind, self.cells, strict=True)], np.uint64
@@ -142,7 +142,7 @@ class FineGrain:
         return np.asarray(factor - table[low] * (1.0 - part) - table[low + 1] * part, dtype=np.float32)
 
 
-def _name(kind: Any, cells: Array) -> np.uint64:
-    """64 bits that stand for a kind and cells."""
+def _name(kind: Any, cells: Array) -> np.uint32:
+    """32 bits that stand for a kind and cells."""
     words = [int(kind), *(int(word) for word in np.asarray(cells, np.float32).view(np.uint32))]
-    return np.uint64(np.random.SeedSequence(words).generate_state(1, np.uint64)[0])
+    return np.uint32(np.random.SeedSequence(words).generate_state(1)[0])

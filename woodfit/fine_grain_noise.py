@@ -23,11 +23,12 @@ _UNIT = 10.0
 #: Fewest cells around the tree: nearer to the pith their number stays, and they narrow.
 _FEWEST_AROUND = 8.0
 
-_A, _B, _C = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F), np.uint64(0x165667B19E3779F9)
-_M1, _M2 = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
-_S20, _S33, _S40 = np.uint64(20), np.uint64(33), np.uint64(40)
-_LOW20, _LOW24 = np.uint64(0xFFFFF), np.uint64(0xFFFFFF)
-_TO_20, _TO_24 = 1.0 / 1048576.0, 1.0 / 16777216.0
+# 32 bits, so that a shader can do the same: unsigned products of two fit into 64 and are cut off again.
+_A, _B, _C = np.uint64(0x9E3779B1), np.uint64(0x85EBCA77), np.uint64(0xC2B2AE3D)
+_M1, _M2 = np.uint64(0x85EBCA6B), np.uint64(0xC2B2AE35)
+_S11, _S13, _S16, _S22 = np.uint64(11), np.uint64(13), np.uint64(16), np.uint64(22)
+_LOW11, _LOW24, _LOW32 = np.uint64(0x7FF), np.uint64(0xFFFFFF), np.uint64(0xFFFFFFFF)
+_TO_10, _TO_11, _TO_24 = 1.0 / 1024.0, 1.0 / 2048.0, 1.0 / 16777216.0
 
 
 def pore_spread(density: float) -> float:
@@ -37,14 +38,11 @@ def pore_spread(density: float) -> float:
 
 @njit(inline="always")
 def _hash(i: Any, j: Any, k: Any, seed: Any) -> Any:
-    """64 well mixed bits of three cell numbers (int64) and a seed (uint64)."""
-    bits = np.uint64(i) * _A ^ np.uint64(j) * _B ^ np.uint64(k) * _C ^ seed
-    bits ^= bits >> _S33
-    bits *= _M1
-    bits ^= bits >> _S33
-    bits *= _M2
-    bits ^= bits >> _S33
-    return bits
+    """32 well mixed bits (in a uint64) of three cell numbers (int64) and a seed (uint64 below 2³²)."""
+    bits = ((np.uint64(i) * _A) ^ (np.uint64(j) * _B) ^ (np.uint64(k) * _C) ^ seed) & _LOW32
+    bits = ((bits ^ (bits >> _S16)) * _M1) & _LOW32
+    bits = ((bits ^ (bits >> _S13)) * _M2) & _LOW32
+    return bits ^ (bits >> _S16)
 
 
 @njit(inline="always")
@@ -67,13 +65,13 @@ def _impulses(i: Any, j: Any, a: Any, p: Any, q: Any, reach: Any, period_a: Any,
     later = part * part * (3.0 - 2.0 * part)
     total = 0.0
     for end in range(2):
-        bits = _hash(i, j, _around(k + end, period_a), seed + _C)
+        bits = _hash(i, j, _around(k + end, period_a), (seed + _C) & _LOW32)
         # Across q, places within the cell keep a margin, so that bumps of radius `reach` end within the next cell.
-        dx = p - np.float64(bits & _LOW20) * _TO_20
-        dy = q - 0.5 - (np.float64((bits >> _S20) & _LOW20) * _TO_20 - 0.5) * (2.0 * reach - 1.0)
+        dx = p - np.float64(bits & _LOW11) * _TO_11
+        dy = q - 0.5 - (np.float64((bits >> _S11) & _LOW11) * _TO_11 - 0.5) * (2.0 * reach - 1.0)
         near = reach * reach - dx * dx - dy * dy
         if near > 0.0:
-            chance = np.float64((bits >> _S40) & _LOW24) * _TO_24
+            chance = np.float64(bits >> _S22) * _TO_10
             depth = (-1.0 if chance < density else 0.0) if density > 0.0 else 2.0 * chance - 1.0
             total += (later if end else 1.0 - later) * depth * near * near
     return total
@@ -134,9 +132,9 @@ def noise_at(
         if fade > 1e-9:
             place = turn * around
             if kind == RAY:
-                value = _columns(place, height / c1, radius / c2, around, 0, seed + np.uint64(around))
+                value = _columns(place, height / c1, radius / c2, around, 0, (seed + np.uint64(around)) & _LOW32)
             else:
-                value = _columns(radius / c0, height / c1, place, 0, around, seed + np.uint64(around))
+                value = _columns(radius / c0, height / c1, place, 0, around, (seed + np.uint64(around)) & _LOW32)
             total += fade * value
         around *= 2
     return total

@@ -140,7 +140,9 @@ class LiuModel:
         index = np.floor(age).astype(np.int64)
         fiber = self._fiber(matrix, r, azimuth, height)
         late = self.lateness(age - index).astype(np.float32)
-        return WoodSample(age, index, age - index, late, self.color(age), fiber)
+        # A model has no photograph behind it.
+        confidence = np.zeros(age.shape, np.float32)
+        return WoodSample(age, index, age - index, late, self.color(age), fiber, confidence)
 
     def _fiber(self, matrix: Floats, r: Floats, azimuth: Floats, height: Floats) -> npt.NDArray[np.float32]:
         """Unit vectors (..., 3) along the fibre, which stays within its growth layer."""

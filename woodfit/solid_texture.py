@@ -13,6 +13,7 @@ import numpy.typing as npt
 from woodfit import texture_file
 from woodfit.cylinder_grid import CylinderGrid, cylindrical, sample, widening
 from woodfit.fine_grain import FineGrain
+from woodfit.seen import Seen
 
 #: Points evaluated at a time: keeps the temporaries in the cache and the memory flat.
 _BATCH = 1 << 17
@@ -43,6 +44,8 @@ class WoodSample:
         Linear, sRGB primaries.
     fiber_direction : float32 array of shape (..., 3)
         Unit vector along the fibre, board frame.
+    confidence : float32 array
+        1 where the photographs show the wood, falling towards 0 away from them (`woodfit.seen`).
     """
 
     ring_age: npt.NDArray[np.float64]
@@ -51,6 +54,7 @@ class WoodSample:
     lateness: npt.NDArray[np.float32]
     rgb: npt.NDArray[np.float32]
     fiber_direction: npt.NDArray[np.float32]
+    confidence: npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,8 @@ class SolidTexture:
         bend_x, bend_y and taper of the stem in 1/px (`woodfit.cylinder_grid.cylindrical`).
     fine_grain : FineGrain
         Streaks, pores and rays beside the color of the rings.
+    seen : Seen
+        What the photographs show of the block.
     """
 
     board_to_tree: npt.NDArray[np.float64]
@@ -124,6 +130,7 @@ class SolidTexture:
     length_unit: str = "mm"
     stem: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     fine_grain: FineGrain = field(default_factory=FineGrain.none)
+    seen: Seen = field(default_factory=Seen)
 
     @cached_property
     def unit(self) -> str:
@@ -131,9 +138,21 @@ class SolidTexture:
         return "px" if self.pixel_size is None else self.length_unit
 
     @cached_property
-    def _mean_width(self) -> float:
+    def mean_width(self) -> float:
+        """Mean width (px) of the outermost ten rings, which rings beyond them have."""
         count = len(self.ring_radius)
         return float((self.ring_radius[-1] - self.ring_radius[max(0, count - 11)]) / max(1, min(10, count - 1)))
+
+    @cached_property
+    def ring_width(self) -> float:
+        """Mean ring width in `unit`."""
+        rings = max(1, len(self.ring_radius) - 1)
+        return float(self.ring_radius[-1] - self.ring_radius[0]) / rings * (self.pixel_size or 1.0)
+
+    @cached_property
+    def middle_height(self) -> float:
+        """Middle of the grid along the stem, px."""
+        return float(0.5 * (self.grid.height[0] + self.grid.height[-1]))
 
     def evaluate(self, points: npt.ArrayLike, detail: bool = True) -> WoodSample:
         """Wood at points of the board frame.
@@ -162,10 +181,12 @@ class SolidTexture:
         count = len(flat)
         age, late = np.empty(count), np.empty(count, np.float32)
         rgb, fiber = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+        confidence, width = np.empty(count, np.float32), self.ring_width / (self.pixel_size or 1.0)
         for start in range(0, count, _BATCH):
             part = slice(start, start + _BATCH)
             place = self.place(flat[part])
-            age[part], fiber[part] = self._age(place.radius), place.fiber
+            age[part], fiber[part] = self.age_of_radius(place.radius), place.fiber
+            confidence[part] = self.seen.confidence(flat[part], age[part], width)
             rgb[part], late[part] = self._color(age[part])
             if detail and not self.fine_grain.empty:
                 radius = self.fiber_radius(place)
@@ -179,6 +200,7 @@ class SolidTexture:
             late.reshape(shape),
             rgb.reshape(*shape, 3),
             fiber.reshape(*shape, 3),
+            confidence.reshape(shape),
         )
 
     def place(self, points: npt.NDArray[np.float64]) -> Place:
@@ -214,19 +236,20 @@ class SolidTexture:
         Constant along a fibre like the ideal radius, but with the true widths across: what stretches one ring and
         presses another does not do so to the fibres.
         """
-        middle = np.full_like(place.height, 0.5 * (self.grid.height[0] + self.grid.height[-1]))
+        middle = np.full_like(place.height, self.middle_height)
         there, _, _ = sample(self.grid, self.displacement, place.distance, place.azimuth, middle)
         return np.asarray(place.radius - there, dtype=np.float64)
 
-    def _age(self, radius: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    def age_of_radius(self, radius: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Ring age at ideal radii (px), same shape."""
         table = self.ring_radius
         age = np.interp(radius, table, np.arange(len(table)))
-        beyond = np.maximum(radius - table[-1], 0.0) / self._mean_width
+        beyond = np.maximum(radius - table[-1], 0.0) / self.mean_width
         return np.asarray(age + beyond, dtype=np.float64)
 
     def _color(self, age: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Color and lateness at ring ages (K,); linear between strip samples."""
-        strip, period = self._strip
+        strip, period = self.repeated_strip
         size = len(self.color_strip)
         position = np.maximum(age * self.samples_per_ring - 0.5, 0.0)
         beyond = position - (size - 0.5)
@@ -237,7 +260,7 @@ class SolidTexture:
         return both[:, :3], both[:, 3]
 
     @cached_property
-    def _strip(self) -> tuple[npt.NDArray[np.float32], int]:
+    def repeated_strip(self) -> tuple[npt.NDArray[np.float32], int]:
         """Color and lateness, the last whole rings twice and one sample more, and how many samples come again."""
         strip = np.column_stack([self.color_strip, self.lateness_strip]).astype(np.float32)
         rings = min(_REPEAT, len(strip) // self.samples_per_ring)

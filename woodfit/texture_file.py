@@ -11,6 +11,7 @@ import numpy.typing as npt
 from woodfit import zarr_zip
 from woodfit.cylinder_grid import CylinderGrid
 from woodfit.fine_grain import FineGrain
+from woodfit.seen import Seen
 
 if TYPE_CHECKING:
     from woodfit.solid_texture import SolidTexture
@@ -18,10 +19,11 @@ if TYPE_CHECKING:
 Arrays = dict[str, npt.NDArray[Any]]
 
 FORMAT = "woodpipe solid texture"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
-#: Versions that are read. The first had no stem, no fine grain, and mm for its only unit.
-_READ = (1, 2)
+#: Versions that are read. The first had no stem, no fine grain, and mm for its only unit; the second did not say what
+#: was seen, and its grain, of the same statistics, lay elsewhere (64-bit hashes).
+_READ = (1, 2, 3)
 
 
 def write(texture: SolidTexture, path: Path) -> None:
@@ -43,6 +45,9 @@ def write(texture: SolidTexture, path: Path) -> None:
         "grain_amplitude": np.asarray(grain.amplitude, np.float64),
         "grain_color": np.asarray(grain.color, np.float64),
         "grain_log_mean": np.asarray(grain.log_mean, np.float64),
+        "seen_plane": np.asarray(texture.seen.plane, np.float64),
+        "seen_size": np.asarray(texture.seen.size, np.float64),
+        "seen_ages": np.asarray(texture.seen.ages, np.float64),
     }
     attributes = {
         "format": FORMAT,
@@ -72,11 +77,13 @@ def read(path: Path) -> dict[str, Any]:
     if version not in _READ:
         raise zarr_zip.TextureFileError(
             f"{path}: texture format version {version}, this woodpipe reads versions "
-            + " and ".join(str(known) for known in _READ)
+            + " and ".join([", ".join(str(known) for known in _READ[:-1]), str(_READ[-1])])
         )
     if version == 1:
         _from_first(arrays, attributes)
     try:
+        if version < 3:
+            _from_second(arrays, attributes)
         return _fields(arrays, attributes)
     except KeyError as missing:
         raise zarr_zip.TextureFileError(f"{path}: the texture lacks {missing}") from None
@@ -100,6 +107,16 @@ def _from_first(arrays: Arrays, attributes: dict[str, Any]) -> None:
     if "pixel_size_mm" in attributes:
         attributes["pixel_size"] = attributes.pop("pixel_size_mm")
         attributes["unit"] = "px" if attributes["pixel_size"] is None else "mm"
+
+
+def _from_second(arrays: Arrays, attributes: dict[str, Any]) -> None:
+    """As `_from_first`, from version 2 to 3: the one face of a plain scan, and every ring of the table."""
+    size = attributes.get("face_size_px")
+    face = isinstance(size, list) and len(size) == 2
+    one = [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]
+    arrays["seen_plane"] = np.array(one if face else np.zeros((0, 3, 3)))
+    arrays["seen_size"] = np.array([size], np.float64) - 1.0 if face else np.zeros((0, 2))
+    arrays["seen_ages"] = np.array([0.0, len(arrays["ring_radius"]) - 1.0])
 
 
 def _fields(arrays: Arrays, attributes: dict[str, Any]) -> dict[str, Any]:
@@ -128,6 +145,7 @@ def _fields(arrays: Arrays, attributes: dict[str, Any]) -> dict[str, Any]:
             log_mean=arrays["grain_log_mean"],
             seed=int(attributes.pop("grain_seed")),
         ),
+        "seen": Seen(arrays["seen_plane"], arrays["seen_size"], arrays["seen_ages"]),
         "attributes": attributes,
     }
 
@@ -149,6 +167,9 @@ def _check_shapes(arrays: Arrays, grid: CylinderGrid) -> None:
         "grain_amplitude": (noises, 2),
         "grain_color": (noises, 3),
         "grain_log_mean": (5, 3),
+        "seen_plane": (len(arrays["seen_size"]), 3, 3),
+        "seen_size": (len(arrays["seen_size"]), 2),
+        "seen_ages": (2,),
     }
     for name, shape in expected.items():
         if arrays[name].shape != shape:
