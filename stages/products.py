@@ -157,7 +157,7 @@ def solid_texture_of(ds: xr.Dataset) -> SolidTexture:
         length_unit=ds[FACE_PLANE.name].attrs.get("block_unit") or "mm",
         stem=ds[STEM.name].values,
         fine_grain=_fine_grain_of(ds) if FINE_GRAIN_KIND.name in ds else FineGrain.none(),
-        seen=_seen_of(ds),
+        seen=_seen_of(ds) if FACE_AGE.name in ds else Seen(),
     )
 
 
