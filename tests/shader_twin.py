@@ -25,7 +25,7 @@ def color_at(tables: ShaderTables, point: np.ndarray, detail: bool = True) -> tu
     if detail and len(tables.grain.kind):
         u = max(radius - moved(tables, r, azimuth, tables.middle), 0.0)
         rgb = rgb * np.exp(grain_at(tables, u, azimuth, height, late))
-    return age, late, rgb
+    return age + tables.first_age, late, rgb
 
 
 def moved(tables: ShaderTables, r: float, azimuth: float, height: float) -> float:
@@ -63,12 +63,14 @@ def age_of(tables: ShaderTables, radius: float) -> float:
     if radius >= table[-1]:
         return len(table) - 1 + (radius - table[-1]) / tables.mean_width
     if radius <= table[0]:
-        return 0.0
+        return (radius - table[0]) / tables.first_width if tables.first_age else 0.0
     low = int(np.searchsorted(table, radius, side="right")) - 1
     return float(low + (radius - table[low]) / (table[low + 1] - table[low]))
 
 
 def strip_at(tables: ShaderTables, age: float) -> tuple[np.ndarray, float]:
+    if age < 0.0:
+        age %= tables.strip_period / tables.samples_per_ring
     place = max(age * tables.samples_per_ring - 0.5, 0.0)
     end = tables.strip_size - 0.5
     if place >= end:

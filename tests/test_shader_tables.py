@@ -13,7 +13,7 @@ from woodfit import SolidTexture
 from woodfit.appearance import Finish
 from woodfit.fine_grain import FineGrain
 from woodfit.seen import HALVING_WIDTHS, Seen
-from woodfit.shader_tables import tables_of
+from woodfit.shader_tables import MOST_RINGS, tables_of
 
 GRAIN = FineGrain.of(
     kind=np.array([0, 1, 2, 3]),
@@ -53,11 +53,36 @@ def test_the_age_table_is_the_inverse_of_the_ring_radii() -> None:
     wood = texture()
     tables = tables_of(wood)
     radius = np.linspace(0.0, tables.ring_radius[-1], 100_000)
+    assert tables.first_age == 0
     looked_up = np.interp(radius / tables.age_step, np.arange(len(tables.age_table)), tables.age_table)
     assert np.abs(looked_up - wood.age_of_radius(radius)).max() < 1 / 64
     few = tables_of(wood, most_ages=50)
     assert len(few.age_table) == 50
     assert few.age_table[-1] == pytest.approx(len(wood.ring_radius) - 1)
+
+
+def test_of_a_tree_with_very_many_rings_the_tables_hold_the_outer_ones() -> None:
+    one, rings = texture(), MOST_RINGS + 60
+    ages = np.arange(rings * one.samples_per_ring)
+    wave = (0.5 + 0.3 * np.sin(ages / 7.0)[:, None] * np.array([1.0, 0.8, 0.5])).astype(np.float32)
+    old = replace(
+        one,
+        ring_radius=np.cumsum([0.0, *np.random.default_rng(1).uniform(0.5, 1.0, rings)]),
+        color_strip=wave,
+        lateness_strip=wave[:, 0],
+    )
+    tables = tables_of(old)
+    assert tables.first_age == 60
+    assert len(tables.strip) <= 16_384 * one.samples_per_ring / 64
+    where = points(600, 4)
+    known = old.evaluate(where)
+    held = known.ring_age >= 60
+    assert 100 < held.sum() < 590
+    twin = [color_at(tables, point) for point in where]
+    npt.assert_allclose(np.array([part[0] for part in twin])[held], known.ring_age[held], atol=2e-4)
+    npt.assert_allclose(np.array([part[2] for part in twin])[held], known.rgb[held], atol=4e-3)
+    further_in = [age for (age, _, _), inside in zip(twin, ~held, strict=True) if inside]
+    assert max(further_in) < 60, "rings go on inside of the tables"
 
 
 def test_distance_from_a_face_is_that_from_its_nearest_point() -> None:

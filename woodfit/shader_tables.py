@@ -7,8 +7,8 @@ With p a point of the board frame in px (points in `SolidTexture.unit` divided b
     r       = |t.xy| max(1 + taper t.z, 0.05)
     azimuth = atan2(t.y, t.x), height = t.z
     radius  = r + m(r, azimuth, height)          `displacement`, trilinear, see `CylinderTable`
-    age     = F(radius)                          `ring_radius` inverted by search, or `age_table` by look-up
-    color   = strip(age), lateness               `strip`, linear, its last rings again and again
+    age     = F(radius) counted from first_age   `ring_radius` inverted by search, or `age_table` by look-up
+    color   = strip(age), lateness               `strip`, linear, its first and last rings again and again
     u       = radius - m(r, azimuth, middle)     radius of the fibre, for the fine grain
     rgb     = color exp(L(u, azimuth, height, lateness))
 """
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from woodfit.solid_texture import SolidTexture
 
 Array = npt.NDArray[Any]
+
+#: Rings in the tables: with 64 samples each, and eight rings again, they fit into the widest texture of a GPU (16,384).
+MOST_RINGS = 240
 
 
 @dataclass(frozen=True)
@@ -75,19 +78,27 @@ class ShaderTables:
         m at the nodes, px.
     middle : float
         Mean of the first and last height, px.
+    first_age : int
+        Ring age that `ring_radius`, `age_table` and `strip` begin with; their ages are counted from there. Above 0
+        when the tree has more rings than `MOST_RINGS`: the tables hold those that the faces show, and what fits.
     ring_radius : float64 array of shape (N,)
-        Ideal radius at ring age 0, 1, ..., px.
+        Ideal radius at ring age `first_age`, `first_age` + 1, ..., px.
     mean_width : float
         Rings beyond the last radius are as wide as this, px.
+    first_width : float
+        Rings inside of the first radius are as wide as this, px: age is ``(radius - ring_radius[0]) / first_width``.
+        Nothing is there when `first_age` is 0: age is 0.
     ring_width : float
         Mean ring width, in `unit`.
     age_table : float32 array of shape (M,)
-        Ring age at radius 0, `age_step`, 2 `age_step`, ...; the last entry is at or a little beyond the last radius.
+        Ring age, counted from `first_age`, at radius ``ring_radius[0]`` and every `age_step` from there; the last
+        entry is that of the last radius.
     age_step : float
         px.
     strip : float32 array of shape (S + P + 1, 4)
-        Linear RGB and lateness at ring age ``(i + 0.5) / samples_per_ring``. Position ``q = age samples_per_ring -
-        0.5``; where q ≥ S - 0.5 it is ``S - 0.5 + (q - S + 0.5) mod P``; below 0 it is 0.
+        Linear RGB and lateness at age ``first_age + (i + 0.5) / samples_per_ring``. Position ``q = age
+        samples_per_ring - 0.5``; where q ≥ S - 0.5 it is ``S - 0.5 + (q - S + 0.5) mod P``; where the age is below
+        0 it is that of ``age mod (P / samples_per_ring)``; then, below 0, it is 0.
     strip_size, strip_period : int
         S and P.
     samples_per_ring : int
@@ -107,8 +118,10 @@ class ShaderTables:
     wraps: bool
     displacement: npt.NDArray[np.float32]
     middle: float
+    first_age: int
     ring_radius: npt.NDArray[np.float64]
     mean_width: float
+    first_width: float
     ring_width: float
     age_table: npt.NDArray[np.float32]
     age_step: float
@@ -121,12 +134,12 @@ class ShaderTables:
 
 def tables_of(texture: SolidTexture, most_ages: int = 8192) -> ShaderTables:
     """Tables of a texture; `age_table` has at most `most_ages` entries, about a 1/64 of the narrowest ring apart."""
-    widths = np.diff(texture.ring_radius)
-    last = float(texture.ring_radius[-1])
-    wanted = int(np.ceil(last / (float(widths.min()) / 64.0))) + 1
-    count = int(np.clip(wanted, 2, most_ages))
-    step = last / (count - 1)
     strip, period = texture.repeated_strip
+    first = _first_ring(texture)
+    radii = np.asarray(texture.ring_radius[first:], np.float64)
+    span, widths = float(radii[-1] - radii[0]), np.diff(radii)
+    count = int(np.clip(np.ceil(span / (float(widths.min()) / 64.0)) + 1, 2, most_ages))
+    step = span / (count - 1)
     fine = texture.fine_grain
     return ShaderTables(
         unit=texture.unit,
@@ -140,13 +153,15 @@ def tables_of(texture: SolidTexture, most_ages: int = 8192) -> ShaderTables:
         wraps=texture.grid.wraps,
         displacement=np.ascontiguousarray(texture.displacement, np.float32),
         middle=texture.middle_height,
-        ring_radius=np.asarray(texture.ring_radius, np.float64),
+        first_age=first,
+        ring_radius=radii,
         mean_width=texture.mean_width,
+        first_width=float(widths[:10].mean()),
         ring_width=texture.ring_width,
-        age_table=texture.age_of_radius(step * np.arange(count)).astype(np.float32),
+        age_table=(texture.age_of_radius(radii[0] + step * np.arange(count)) - first).astype(np.float32),
         age_step=step,
-        strip=strip,
-        strip_size=len(texture.color_strip),
+        strip=np.ascontiguousarray(strip[first * texture.samples_per_ring :]),
+        strip_size=len(texture.color_strip) - first * texture.samples_per_ring,
         strip_period=period,
         samples_per_ring=texture.samples_per_ring,
         grain=Grain(
@@ -159,3 +174,9 @@ def tables_of(texture: SolidTexture, most_ages: int = 8192) -> ShaderTables:
             fine.seeds.astype(np.uint32),
         ),
     )
+
+
+def _first_ring(texture: SolidTexture) -> int:
+    """Innermost ring that the tables hold."""
+    rings = max(len(texture.ring_radius) - 1, len(texture.color_strip) // texture.samples_per_ring)
+    return max(0, min(rings - MOST_RINGS, len(texture.ring_radius) - 2))
