@@ -307,7 +307,6 @@ def test_image_loss_gives_the_face_back_and_breaks_the_rings(board: tuple[Path, 
     assert begun[IMAGE_ERROR] < ours[IMAGE_ERROR]
     for other in (blind, begun):
         assert other[PHASE_ERROR] > 3.0 * ours[PHASE_ERROR]
-        assert other[ROUGHNESS] > 1.1 * ours[ROUGHNESS]
         assert other[FOLD_OVER] > 1e-3
     assert blind[ROUGHNESS] > 2.0 * ours[ROUGHNESS]
     assert blind[FACE_FOLD] > 1e-3

@@ -76,6 +76,7 @@ def test_six_faces_tell_the_rings_inside() -> None:
     assert abs(found["age_offset"] - round(found["age_offset"])) < 0.1
 
 
+@pytest.mark.slow
 def test_a_face_numbered_inwards_does_not_matter() -> None:
     ds = block(("right", "top"))
     assert sorted(set(ds["ring_age_sign"].values)) == [-1, 1]
@@ -83,6 +84,7 @@ def test_a_face_numbered_inwards_does_not_matter() -> None:
     assert age_share(age_in(ds)(points), log().age(points), 0.25)["age_share"] > 0.95
 
 
+@pytest.mark.slow
 def test_two_faces_are_better_than_one() -> None:
     points = inside(20_000)
     shares = []

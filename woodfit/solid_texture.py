@@ -187,7 +187,7 @@ class SolidTexture:
             place = self.place(flat[part])
             age[part], fiber[part] = self.age_of_radius(place.radius), place.fiber
             confidence[part] = self.seen.confidence(flat[part], age[part], width)
-            rgb[part], late[part] = self._color(age[part])
+            rgb[part], late[part] = self.color_at(age[part])
             if detail and not self.fine_grain.empty:
                 radius = self.fiber_radius(place)
                 rgb[part] *= np.exp(self.fine_grain.log_factor(radius, place.azimuth, place.height, late[part]))
@@ -247,8 +247,8 @@ class SolidTexture:
         beyond = np.maximum(radius - table[-1], 0.0) / self.mean_width
         return np.asarray(age + beyond, dtype=np.float64)
 
-    def _color(self, age: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Color and lateness at ring ages (K,); linear between strip samples."""
+    def color_at(self, age: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Linear RGB (K, 3) and lateness (K,) of the rings at ring ages (K,), without fine grain."""
         strip, period = self.repeated_strip
         size = len(self.color_strip)
         position = np.maximum(age * self.samples_per_ring - 0.5, 0.0)
