@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from pipeline import cli_carve, cli_gallery
 from pipeline.cli_app import (
     DEFAULT_CONFIG,
     DebugOption,
@@ -22,7 +23,7 @@ from pipeline.cli_app import (
     told_to_people,
 )
 
-__all__ = ["app"]
+__all__ = ["app", "cli_carve", "cli_gallery"]
 
 
 @app.command()
