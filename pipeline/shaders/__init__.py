@@ -1,0 +1,1 @@
+"""The solid texture in shading languages, and the tables that these read."""
