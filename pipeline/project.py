@@ -117,15 +117,26 @@ def all_stages() -> tuple[Stage, ...]:
 
 
 def all_products(stages: Sequence[Stage]) -> tuple[Product, ...]:
-    """The stages' products and the report, which needs everything there is."""
-    from stages.products import PRODUCTS, Product
-    from stages.variables import FACE_PLANE, FACE_TOP
+    """The stages' products, the page to hold the wood in the hand, and the report, which needs everything there is."""
+    from stages.products import PRODUCTS, SERIES, TEXTURE, Product
+    from stages.variables import FACE_PLANE, FACE_TOP, RING_AGE_SHIFT, RING_AGE_SIGN
 
     everything = (*(variable for stage in stages for variable in stage.provides), FACE_PLANE, FACE_TOP)
     report = Product(
         name="report", filename="report.html", requires=everything, version=_report_version(), write=report_of
     )
-    return (*PRODUCTS, report)
+    shown = (*TEXTURE.requires, *SERIES.requires, RING_AGE_SHIFT, RING_AGE_SIGN)
+    viewer = Product("viewer", "viewer.html", tuple(dict.fromkeys(shown)), 1, viewer_of)
+    return (*PRODUCTS, viewer, report)
+
+
+def viewer_of(ds: xr.Dataset, path: Path, context: ProductContext) -> None:
+    """Write the page of a texture."""
+    from pipeline.viewer import write_viewer
+    from pipeline.viewer.years import years_of
+    from stages.products import solid_texture_of
+
+    write_viewer(solid_texture_of(ds), path, context.stem, years_of(ds, context))
 
 
 def report_of(ds: xr.Dataset, path: Path, context: ProductContext) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["VERSION", "write_index", "write_scan_report"]
 
 #: Goes up when the same results give another page.
-VERSION = 2
+VERSION = 3
 
 
 def write_scan_report(ds: xr.Dataset, path: Path, context: ProductContext) -> None:
