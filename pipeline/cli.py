@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pipeline import cli_carve, cli_gallery, cli_render, cli_view
+from pipeline import cli_carve, cli_export, cli_gallery, cli_render, cli_view
 from pipeline.cli_app import (
     DEFAULT_CONFIG,
     DebugOption,
@@ -23,7 +23,7 @@ from pipeline.cli_app import (
     told_to_people,
 )
 
-__all__ = ["app", "cli_carve", "cli_gallery", "cli_render", "cli_view"]
+__all__ = ["app", "cli_carve", "cli_export", "cli_gallery", "cli_render", "cli_view"]
 
 
 @app.command()
