@@ -14,7 +14,7 @@ import numpy as np
 from pipeline.export.grain_source import glsl_grain, osl_grain
 from pipeline.export.materialx_graph import Graph
 from pipeline.export.registry import Options
-from pipeline.export.table_images import ROW, Atlas, displacement_atlas, table_rows, write_exr
+from pipeline.export.table_images import ROW, Atlas, displacement_atlas, write_tables
 from pipeline.extras import need
 from woodfit.appearance import SATIN
 from woodfit.shader_tables import ShaderTables, tables_of
@@ -34,12 +34,7 @@ def write(texture: SolidTexture, folder: Path, options: Options) -> list[Path]:
     """
     known, name = tables_of(texture), options.name
     atlas = displacement_atlas(known)
-    files = [
-        write_exr(folder / f"{name}_displacement.exr", atlas.image),
-        write_exr(folder / f"{name}_age.exr", table_rows(known.age_table)),
-        write_exr(folder / f"{name}_color.exr", np.maximum(table_rows(known.strip[:, :3]), 0.0)),
-        write_exr(folder / f"{name}_lateness.exr", table_rows(known.strip[:, 3])),
-    ]
+    files = write_tables(known, atlas, folder, name)
     grain = options.detail and len(known.grain.kind) > 0
     if grain:
         for suffix, source in ((".glsl", glsl_grain(known.grain)), (".osl", osl_grain(known.grain))):

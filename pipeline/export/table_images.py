@@ -76,3 +76,13 @@ def write_exr(path: Path, image: Array) -> Path:
     finally:
         out.close()
     return path
+
+
+def write_tables(known: ShaderTables, atlas: Atlas, folder: Path, name: str) -> list[Path]:
+    """The tables as EXR images: displacement, age, color, lateness."""
+    return [
+        write_exr(folder / f"{name}_displacement.exr", atlas.image),
+        write_exr(folder / f"{name}_age.exr", table_rows(known.age_table)),
+        write_exr(folder / f"{name}_color.exr", np.maximum(table_rows(known.strip[:, :3]), 0.0)),
+        write_exr(folder / f"{name}_lateness.exr", table_rows(known.strip[:, 3])),
+    ]
