@@ -63,7 +63,8 @@ void main() {{
         image = oiio.ImageInput.open(str(folder / node.getInputValue("file")))
         spec, pixels = image.spec(), image.read_image("float")
         image.close()
-        texture = gl.texture((spec.width, spec.height), spec.nchannels, np.ascontiguousarray(pixels).tobytes(), dtype="f4")
+        size_px, data = (spec.width, spec.height), np.ascontiguousarray(pixels).tobytes()
+        texture = gl.texture(size_px, spec.nchannels, data, dtype="f4")
         texture.filter = (gl.LINEAR, gl.LINEAR)
         texture.repeat_x = texture.repeat_y = False
         texture.use(len(kept))

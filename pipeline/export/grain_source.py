@@ -57,9 +57,8 @@ def _body(grain: Grain, seed_text: Callable[[int], str], vector: str, osl: bool 
         cells = ", ".join(_number(value) for value in grain.cells[k])
         color = ", ".join(_number(value) for value in grain.color[k])
         seed = seed_text(int(grain.seed[k]))
-        value = (
-            f"wp_noise({int(kind)}, {vector}({cells}), {_number(grain.density[k])}, {seed}, radius, turn, {place}, height)"
-        )
+        lattice = f"{int(kind)}, {vector}({cells}), {_number(grain.density[k])}, {seed}"
+        value = f"wp_noise({lattice}, radius, turn, {place}, height)"
         lines.append(f"    total += mix({early}, {late}, lateness) * {value} * {vector}({color});")
     lines.append("    float level = clamp(lateness, 0.0, 1.0) * 4.0;")
     lines.append(f"    total -= {vector}({', '.join(_number(value) for value in grain.log_mean[0])});")

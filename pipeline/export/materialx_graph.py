@@ -33,19 +33,19 @@ class Graph:
         return node
 
     def add(self, a: Value, b: Value) -> Any:
-        """a + b."""
+        """Sum."""
         return self.node("add", in1=a, in2=b)
 
     def subtract(self, a: Value, b: Value) -> Any:
-        """a - b."""
+        """Difference."""
         return self.node("subtract", in1=a, in2=b)
 
     def multiply(self, a: Value, b: Value) -> Any:
-        """a * b."""
+        """Product."""
         return self.node("multiply", in1=a, in2=b)
 
     def divide(self, a: Value, b: Value) -> Any:
-        """a / b."""
+        """Quotient."""
         return self.node("divide", in1=a, in2=b)
 
     def clamp(self, a: Value, low: Value, high: Value) -> Any:
@@ -57,7 +57,7 @@ class Graph:
         return self.node("floor", **{"in": a})
 
     def modulo(self, a: Value, b: Value) -> Any:
-        """a - b floor(a / b)."""
+        """What remains, 0 to b, of a over b; for negative a too."""
         return self.node("modulo", in1=a, in2=b)
 
     def maximum(self, a: Value, b: Value) -> Any:

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.export.registry import Options, mm_per_unit
+from pipeline.export.registry import Options, mm_or_one
 from pipeline.export.vdb_file import GridWriter, write_vdb
 from pipeline.export.volumes import cells_of, slabs
-from pipeline.problems import UsageError
 
 if TYPE_CHECKING:
     from woodfit import SolidTexture
@@ -23,10 +22,7 @@ def write(texture: SolidTexture, folder: Path, options: Options) -> list[Path]:
     camera), in mm where the size of the wood is known, else in the texture's unit.
     """
     cells = cells_of(texture, options)
-    try:
-        scale = mm_per_unit(texture, options, "")
-    except UsageError:
-        scale = 1.0
+    scale = mm_or_one(texture, options)
     step = cells.size * scale
     origin = (cells.extent.low * scale + 0.5 * step) * [1.0, -1.0, -1.0]
     nx, ny, nz = cells.shape

@@ -157,6 +157,11 @@ def check(options: Options) -> None:
         raise UsageError("The command cannot be followed", problems)
 
 
+def mm_or_one(texture: SolidTexture, options: Options) -> float:
+    """mm per unit of the texture, or 1 where that is not known."""
+    return mm_per_unit(texture, options, "") if options.pixel_size_mm or texture.unit == "mm" else 1.0
+
+
 def mm_per_unit(texture: SolidTexture, options: Options, why: str) -> float:
     """Mm per unit of the texture.
 

@@ -1,7 +1,7 @@
 """A texture's tables as images that shaders look up bilinearly: for MaterialX, OSL and Blender.
 
-Row 0 is the upper one, v is 1 there; pixel centres lie at halves. All values are float32 and linear. No mip-maps must be
-made of them: the displacement is an atlas, the others are tables.
+Row 0 is the upper one, v is 1 there; pixel centres lie at halves. All values are float32 and linear. No mip-maps must
+be made of them: the displacement is an atlas, the others are tables.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def displacement_atlas(known: ShaderTables) -> Atlas:
 
 
 def table_rows(values: Array) -> npt.NDArray[np.float32]:
-    """A table (N,) or (N, C) in rows of `ROW`, each ending with the next one's first entry; the last repeats its end."""
+    """A table (N,) or (N, C) in rows of `ROW`: each ends with the next one's first entry, the last repeats its end."""
     count = len(values)
     if count <= ROW:
         return np.asarray(values[None], np.float32)
