@@ -158,7 +158,7 @@ def check(options: Options) -> None:
 
 
 def mm_or_one(texture: SolidTexture, options: Options) -> float:
-    """mm per unit of the texture, or 1 where that is not known."""
+    """Size of a unit of the texture, mm; 1 where that is not known."""
     return mm_per_unit(texture, options, "") if options.pixel_size_mm or texture.unit == "mm" else 1.0
 
 

@@ -62,6 +62,11 @@ def _optics(sample: Any) -> Array:
     return np.concatenate([extinction_per_mm(sample.lateness)[..., None], scattering_albedo(sample.rgb)], axis=-1)
 
 
+def _cells(job: Job, most: int) -> int:
+    """Cells along the longest side: no finer than the picture shows."""
+    return int(np.clip(2 * max(job.size), 48, most))
+
+
 def sheet_of(texture: SolidTexture, mm_per_unit: float) -> Extent:
     """A sheet of veneer from the middle of the face, `THICKNESS_MM` thick."""
     block = block_extent(texture)
@@ -80,7 +85,7 @@ def veneer(mi: Any, variant: Variant, job: Job, folder: Path) -> list[Scene]:
     scene = frame.scene(vertices)
     scenes = []
     for flat in (True, False):
-        within = medium(wood, sheet, sheet.cells(_SHEET_CELLS), job.mm_per_unit / frame.scale, flat)
+        within = medium(wood, sheet, sheet.cells(_cells(job, _SHEET_CELLS)), job.mm_per_unit / frame.scale, flat)
         body = mesh_of(mi, folder, scene, faces, False, interior=within, bsdf={"type": "null"})
         camera = sensor(mi, scene, Shot(0.0, 0.0, 20.0, 0.94), job.size, job.spp)
         lamp = {
@@ -124,7 +129,7 @@ def lampshade(mi: Any, variant: Variant, job: Job, folder: Path) -> list[Scene]:
     placed = frame.board(scene)
     extent = Extent(placed.min(axis=0), placed.max(axis=0))
     wood = Wood(mi, variant, texture, frame, extent, False)
-    within = medium(wood, extent, extent.cells(_SHADE_CELLS), job.mm_per_unit / frame.scale, False)
+    within = medium(wood, extent, extent.cells(_cells(job, _SHADE_CELLS)), job.mm_per_unit / frame.scale, False)
     body = mesh_of(mi, folder, scene, faces, False, interior=within, bsdf={"type": "null"})
     bulb = {
         "type": "sphere",
