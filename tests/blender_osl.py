@@ -53,7 +53,6 @@ if kind == "osl":
         raise SystemExit("the shader does not compile")
     wood = tree.nodes.new("ShaderNodeScript")
     wood.inputs.new("NodeSocketVector", "position", identifier="position")
-    wood.inputs.new("NodeSocketInt", "flip_v", identifier="flip_v").default_value = int(sys.argv[5])
     wood.outputs.new("NodeSocketColor", "base_color", identifier="base_color")
     wood.bytecode = compiled.read_text()
     wood.bytecode_hash = hashlib.md5(wood.bytecode.encode(), usedforsecurity=False).hexdigest()

