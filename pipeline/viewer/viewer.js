@@ -1,11 +1,15 @@
 // The page's program. `npm install && npm run build` here bundles it with three.js into viewer.bundle.js.
 import {
-  BoxGeometry, BufferAttribute, BufferGeometry, DataTexture, DoubleSide, FloatType, GLSL3, Group, Matrix4, Mesh, NearestFilter,
+  AmbientLight, BoxGeometry, BufferAttribute, BufferGeometry, DataTexture, DoubleSide, FloatType, GLSL3, Group, Matrix4, Mesh, MeshStandardMaterial,
+  NearestFilter,
   OrthographicCamera, PerspectiveCamera, PlaneGeometry, RGBAFormat, RedFormat, Scene, ShaderMaterial, Spherical,
   Vector3, Vector4, WebGLRenderTarget, WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
+
+// For tests of the exported module, which is given three.js by whoever uses it.
+const THREE = { AmbientLight, DataTexture, FloatType, Matrix4, MeshStandardMaterial, NearestFilter, RedFormat };
 
 const started = performance.now();
 const wood = JSON.parse(document.getElementById('wood').textContent);
@@ -378,7 +382,7 @@ async function main() {
   home();
   cut();
   draw(false);
-  window.woodpipe = { evaluate, at, draw, place, state, camera, controls, uniforms, renderer, open };
+  window.woodpipe = { evaluate, at, draw, place, state, scene, camera, controls, uniforms, renderer, body, open, THREE };
 }
 
 main().catch((error) => fail(`The wood cannot be drawn: ${error.message}`));
