@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/installed.stamp
 WARMED := $(VENV)/warmed.stamp
 
 .DEFAULT_GOAL := run
-.PHONY: run test slow bench setup warm clean
+.PHONY: run test slow bench gallery setup warm clean
 
 setup: $(INSTALLED) warm
 
@@ -41,6 +41,16 @@ test: setup
 
 slow: setup
 	$(BIN)/python -m pytest -m slow
+
+# The results figure of the sample scans; and of real ones, where WOODPIPE_SHARED names a folder with data/scans in it.
+gallery: setup
+	$(BIN)/woodpipe sample samples
+	$(BIN)/woodpipe run pipeline.yaml
+	$(BIN)/woodpipe gallery pipeline.yaml --out docs/gallery
+	@if [ -d "$(WOODPIPE_SHARED)/data/scans" ]; then \
+		mkdir -p out && printf 'scans: [%s]\noutput: real\n' "$(WOODPIPE_SHARED)/data/scans/boards" > out/real.yaml && \
+		$(BIN)/woodpipe run out/real.yaml && $(BIN)/woodpipe gallery out/real.yaml --out out/gallery; \
+	fi
 
 # Every script is run, whatever the one before it said.
 bench: setup

@@ -57,7 +57,7 @@ PRESETS = {
     "carved": Preset(presets.carved, "a mesh cut from the wood, relief and gloss following latewood", 64, 4),
     "veneer": Preset(translucent.veneer, "backlit veneer: extruded from the face, and fitted", 16, 8, True),
     "lampshade": Preset(translucent.lampshade, "a turned shade with a bulb inside", 48, 8, True),
-    "false-color": Preset(presets.false_color, "a translucent block in which latewood alone is dense", 64, 4),
+    "false-color": Preset(presets.false_color, "a translucent block in which latewood alone is dense", 16, 4),
 }
 
 
