@@ -13,13 +13,16 @@ import numpy.typing as npt
 
 from pipeline.gallery_panels import Subject, colors_panel, front_panel, read_photograph, rings_panel
 from pipeline.problems import Problem, UsageError
-from pipeline.report.pictures import Bytes
+from pipeline.report.pictures import Bytes, fit
 
 if TYPE_CHECKING:
     from pipeline.config import Config
 
 #: What the columns show, from left to right.
 COLUMNS = ("photograph", "rings", "front", "carved", "inside", "colors")
+
+#: Longer side of the overview.
+_OVERVIEW_PX = 2200
 
 _GAP, _PAPER, _INK = 12, 255, (40, 40, 40)
 
@@ -78,7 +81,7 @@ def make_gallery(config: Config, folder: Path, look: Look, tell: Callable[[str],
         raise UsageError("Nothing to show", [Problem("", f"{config.output} holds no textures; `woodpipe run` first")])
     folder.mkdir(parents=True, exist_ok=True)
     files = [_write(folder / f"{name}.jpg", row) for name, row in rows]
-    files.append(_write(folder / "overview.jpg", stack(rows)))
+    files.append(_write(folder / "overview.jpg", fit(stack(rows), _OVERVIEW_PX)))
     index = folder / "index.md"
     index.write_text(index_text([name for name, _ in rows]), encoding="utf-8")
     return [*files, index]
