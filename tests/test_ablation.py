@@ -301,6 +301,7 @@ def test_the_command_runs_the_stages_and_writes_one_picture(board: tuple[Path, P
     assert np.abs(columns[1].astype(float) - columns[3]).mean() > 2.0
 
 
+@pytest.mark.slow
 def test_image_loss_gives_the_face_back_and_breaks_the_rings(board: tuple[Path, Path, str]) -> None:
     blind, begun, ours = (one.figures for one in variants_of(board[0], 60)[0])
     # Colors and rings are moved together until the face looks right, wherever the rings then are.

@@ -26,7 +26,13 @@ HEADINGS = ("Purpose", "Method", "Limitations")
 DOCS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 
 # What a dependency is imported as where that is not its name, and those that only others import for us.
-IMPORTED_AS = {"opencv-contrib-python-headless": "cv2", "pyyaml": "yaml", "scikit-image": "skimage"}
+IMPORTED_AS = {
+    "mitsuba-oidn": "mitsuba_oidn",
+    "opencv-contrib-python-headless": "cv2",
+    "pyyaml": "yaml",
+    "scikit-image": "skimage",
+    "usd-core": "pxr",
+}
 NOT_IMPORTED_BY_US = {"bokeh": "draws the Dask dashboard", "scikit-image": "part of the stack that users count on"}
 
 each_stage = pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
@@ -225,6 +231,7 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
     optional = pyproject()["project"]["optional-dependencies"]
     extras |= {distribution(part) for name, parts in optional.items() if name != "dev" for part in parts}
     names = {IMPORTED_AS.get(name, name) for name in declared}
+    extras = {IMPORTED_AS.get(name, name) for name in extras}
     assert {name.lower() for name in imported} - names - extras == set(), "imported, not declared"
     unused = {name for name in declared if IMPORTED_AS.get(name, name) not in {name.lower() for name in imported}}
     assert unused - set(NOT_IMPORTED_BY_US) == set(), "declared, not imported"

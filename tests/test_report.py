@@ -53,8 +53,9 @@ def written(tmp_path: Path, ds: xr.Dataset, context: ProductContext | None = Non
 
 def test_page_is_self_contained(tmp_path: Path) -> None:
     text, page = written(tmp_path, fake_results())
+    beside = ("../index.html", "rings.json", "texture.zarr.zip", "viewer.html")
     for link in page.links():
-        allowed = link.startswith(("data:image/", "#")) or link in ("../index.html", "rings.json", "texture.zarr.zip")
+        allowed = link.startswith(("data:image/", "#")) or link in beside
         assert allowed, link[:80]
     assert not re.search(r"https?://|file:|@import|url\((?!#)", text)
     ids = page.ids()
