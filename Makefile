@@ -48,8 +48,8 @@ gallery: setup
 	$(BIN)/woodpipe run pipeline.yaml
 	$(BIN)/woodpipe gallery pipeline.yaml --out docs/gallery
 	@if [ -d "$(WOODPIPE_SHARED)/data/scans" ]; then \
-		mkdir -p out && printf 'scans: [%s]\noutput: real\n' "$(WOODPIPE_SHARED)/data/scans/boards" > out/real.yaml && \
-		$(BIN)/woodpipe run out/real.yaml && $(BIN)/woodpipe gallery out/real.yaml --out out/gallery; \
+		mkdir -p out && sed 's|@SCANS@|$(WOODPIPE_SHARED)/data/scans|' benchmarks/real_scans.yaml > out/real.yaml && \
+		{ $(BIN)/woodpipe run out/real.yaml; $(BIN)/woodpipe gallery out/real.yaml --out out/gallery; }; \
 	fi
 
 # Every script is run, whatever the one before it said.
