@@ -3,33 +3,16 @@
 import time
 
 import numpy as np
+from board_texture import board_texture
 
 from pipeline.carve.atlas import atlas_of
 from pipeline.carve.carving import Wish, carve
 from pipeline.carve.mesh_files import Mesh
 from pipeline.carve.sample_meshes import sample_mesh
-from woodfit.synthetic_scenes import write_sample
 
 
 def main() -> None:
-    import sys
-    import tempfile
-    from pathlib import Path
-
-    from typer.testing import CliRunner
-
-    from pipeline.cli import app
-    from woodfit import SolidTexture
-
-    if len(sys.argv) > 1:
-        texture = SolidTexture.open(sys.argv[1])
-    else:
-        with tempfile.TemporaryDirectory() as folder:
-            scan = next(path for path in write_sample(Path(folder) / "scans", (735, 750), 0) if "flat" in path.name)
-            config = Path(folder) / "one.yaml"
-            config.write_text(f"scans: {scan}\noutput: out\n")
-            CliRunner().invoke(app, ["run", str(config)])
-            texture = SolidTexture.open(Path(folder) / "out" / scan.stem / "texture.zarr.zip")
+    texture = board_texture()
     mesh = Mesh(*sample_mesh("knot", 225), None, "knot")
     start = time.perf_counter()
     atlas_of(mesh, 2048)

@@ -1,20 +1,17 @@
 """Time of every preset at 512 x 512 with its own samples, relative to `block`; and of its preview.
 
-python benchmarks/rendering.py TEXTURE
+python benchmarks/rendering.py [TEXTURE]
 """
 
-import sys
 import time
 
+from board_texture import board_texture
+
 from pipeline.render import PRESETS, render_preset
-from woodfit import SolidTexture
 
 
 def main() -> None:
-    if len(sys.argv) < 2:
-        print("give a texture.zarr.zip of a run")
-        return
-    texture = SolidTexture.open(sys.argv[1])
+    texture = board_texture()
     times = {}
     for name in ("block", *(name for name in PRESETS if name != "block")):
         for preview in (True, False):

@@ -1,6 +1,6 @@
 """Time to the first frame of a texture's page in headless Chromium, its size, and a full frame relative to the first.
 
-python benchmarks/viewer.py TEXTURE
+python benchmarks/viewer.py [TEXTURE]
 """
 
 import sys
@@ -10,18 +10,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
+from board_texture import board_texture
 from browser import chromium
 
 from pipeline.viewer import write_viewer
-from woodfit import SolidTexture
 
 
 def main() -> None:
-    if len(sys.argv) < 2:
-        print("give a texture.zarr.zip of a run")
-        return
     with tempfile.TemporaryDirectory() as folder, chromium() as driver:
-        page = write_viewer(SolidTexture.open(sys.argv[1]), Path(folder) / "wood.html", "wood")
+        page = write_viewer(board_texture(), Path(folder) / "wood.html", "wood")
         driver.get(page.as_uri())
         while not (ready := driver.execute_script("return document.body.dataset.ready")):
             time.sleep(0.05)
