@@ -17,7 +17,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 		echo "woodpipe needs Python 3.11 or newer, and $(PYTHON) is not that; name one: make $(MAKECMDGOALS) PYTHON=python3.12"; \
 		exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
 # Compile the numba kernels once, so that no scan waits for it.
@@ -33,10 +33,10 @@ run: setup
 	@echo
 	@echo "Look at out/index.html; each scan's rings, texture and page lie in a folder of its own beside it."
 
-test: setup
-	$(BIN)/ruff check .
-	$(BIN)/mypy
-	$(BIN)/lint-imports
+# The kernels compile while the sources are checked.
+test: $(INSTALLED)
+	@$(MAKE) --no-print-directory warm & \
+		$(BIN)/ruff check . && $(BIN)/mypy && $(BIN)/lint-imports; status=$$?; wait $$! && exit $$status
 	$(BIN)/python -m pytest -m 'not slow' -n 2 --dist loadfile
 
 slow: setup
