@@ -11,6 +11,7 @@ from numba import njit
 from scipy.ndimage import distance_transform_edt
 
 from woodfit.appearance import SATIN, Finish
+from woodfit.srgb import srgb_bytes
 
 if TYPE_CHECKING:
     from woodfit.solid_texture import SolidTexture
@@ -187,7 +188,7 @@ def bake(
             slopes.append((there - here) / steps[which])
         bump = np.stack([-slopes[0], -slopes[1], np.ones(len(points))], axis=-1)
         bump /= np.linalg.norm(bump, axis=1, keepdims=True)
-        color[part][shown] = _srgb(wood.rgb)
+        color[part][shown] = srgb_bytes(wood.rgb)
         roughness[part][shown] = np.round(255.0 * finish.roughness(wood.lateness)).astype(np.uint8)
         height[part][shown] = np.round(65535.0 * here / scale).astype(np.uint16) if scale > 0.0 else 0
         normal[part][shown] = np.round(127.5 + 127.5 * bump).astype(np.uint8)
@@ -207,12 +208,6 @@ def _tangents(corners: Array, uv: Array, size: int) -> tuple[Array, Array]:
     lengths = np.linalg.norm(np.stack([along_u, along_v], axis=1), axis=-1)
     tangents = np.stack([along_u, along_v], axis=1) / np.maximum(lengths, 1e-20)[..., None]
     return tangents, np.maximum(np.sqrt(lengths[:, 0] * lengths[:, 1]) / size, 1e-9)
-
-
-def _srgb(linear: Array) -> Bytes:
-    clipped = np.clip(linear, 0.0, 1.0)
-    curve = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
-    return np.round(255.0 * curve).astype(np.uint8)
 
 
 def sample_map(image: Array, uv: Array) -> npt.NDArray[np.float64]:

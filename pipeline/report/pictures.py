@@ -10,6 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from woodfit.srgb import srgb_bytes
+
+__all__ = ["LONGER_SIDE", "Bytes", "Picture", "block_mean", "fit", "jpeg", "png", "srgb_bytes"]
+
 Array = npt.NDArray[Any]
 Bytes = npt.NDArray[np.uint8]
 
@@ -56,13 +60,6 @@ def _encode(suffix: str, kind: str, rgb: Bytes, alt: str, options: list[int]) ->
         raise ValueError(f"cannot encode a picture of shape {rgb.shape} as {kind}")
     text = base64.b64encode(data.tobytes()).decode("ascii")
     return Picture(f"data:{kind};base64,{text}", rgb.shape[1], rgb.shape[0], alt)
-
-
-def srgb_bytes(linear: Array) -> Bytes:
-    """Encode linear values 0..1 as sRGB bytes; what is not a number becomes black."""
-    clipped = np.clip(np.nan_to_num(np.asarray(linear, np.float32)), 0.0, 1.0)
-    curve = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** np.float32(1 / 2.4) - 0.055)
-    return np.asarray(curve * 255.0 + 0.5).astype(np.uint8)
 
 
 def fit(image: Array, longer: int = LONGER_SIDE) -> Array:
