@@ -32,7 +32,7 @@ needs_blender = pytest.mark.skipif(
 
 def exported(name: str, wood: SolidTexture, folder: Path, **more: object) -> list[Path]:
     (exporter,) = exporters_named(name)
-    return exporter.write(wood, folder, Options(**{"cells": 40, "map_px": 256, **more}))  # type: ignore[arg-type]
+    return exporter.write(wood, folder, Options(**{"cells": 40, "map_px": 256, **more}))
 
 
 def held(wood: SolidTexture, where: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.testing as npt
@@ -23,7 +24,7 @@ pytest.importorskip("mitsuba")
 
 
 @pytest.fixture(scope="module")
-def llvm() -> object:
+def llvm() -> Any:
     chosen = variant.choose_variant()
     if not chosen.vectorised:
         pytest.skip(chosen.said)
@@ -31,7 +32,7 @@ def llvm() -> object:
 
 
 @pytest.mark.parametrize("name", [*WOODS, "old"])
-def test_the_renderer_evaluates_the_color_that_the_texture_has(llvm: object, name: str) -> None:
+def test_the_renderer_evaluates_the_color_that_the_texture_has(llvm: Any, name: str) -> None:
     from pipeline.render.drjit_wood import DrjitWood
 
     wood = old_wood() if name == "old" else WOODS[name]
@@ -39,7 +40,7 @@ def test_the_renderer_evaluates_the_color_that_the_texture_has(llvm: object, nam
     known = wood.evaluate(where)
     held = known.ring_age > 61 if name == "old" else np.ones(len(where), bool)
     mi = llvm
-    point = mi.Point3f(*(mi.Float(np.ascontiguousarray(axis, np.float32)) for axis in where.T))  # type: ignore[attr-defined]
+    point = mi.Point3f(*(mi.Float(np.ascontiguousarray(axis, np.float32)) for axis in where.T))
     rgb, late, age = DrjitWood(mi, wood)(point)
     found = np.stack([np.array(channel) for channel in rgb], axis=-1)
     assert_same_colors(found[held], known.rgb[held], 0.3, 1.5)
@@ -47,7 +48,7 @@ def test_the_renderer_evaluates_the_color_that_the_texture_has(llvm: object, nam
     assert np.percentile(np.abs(np.array(late) - known.lateness)[held], 99) < 0.02
 
 
-def test_a_white_sheet_in_a_white_room_is_white(llvm: object, tmp_path: Path) -> None:
+def test_a_white_sheet_in_a_white_room_is_white(llvm: Any, tmp_path: Path) -> None:
     from pipeline.render.materials import mesh_of
 
     mi = llvm
@@ -55,17 +56,17 @@ def test_a_white_sheet_in_a_white_room_is_white(llvm: object, tmp_path: Path) ->
     grid = np.random.default_rng(0).uniform(5.0, 40.0, (4, 8, 8, 1)).astype(np.float32)
     volume = {
         "type": "gridvolume",
-        "grid": mi.VolumeGrid(grid),  # type: ignore[attr-defined]
-        "to_world": mi.ScalarTransform4f().translate([-1, -1, -0.1]).scale([2, 2, 0.2]),  # type: ignore[attr-defined]
+        "grid": mi.VolumeGrid(grid),
+        "to_world": mi.ScalarTransform4f().translate([-1, -1, -0.1]).scale([2, 2, 0.2]),
     }
     interior = {"type": "heterogeneous", "sigma_t": volume, "albedo": {"type": "constvolume", "value": 1.0}}
-    scene = mi.load_dict(  # type: ignore[attr-defined]
+    scene = mi.load_dict(
         {
             "type": "scene",
             "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": 10_000},
             "sensor": {
                 "type": "orthographic",
-                "to_world": mi.ScalarTransform4f().look_at([0, 0, 3], [0, 0, 0], [0, 1, 0]).scale([0.8, 0.8, 1]),  # type: ignore[attr-defined]
+                "to_world": mi.ScalarTransform4f().look_at([0, 0, 3], [0, 0, 0], [0, 1, 0]).scale([0.8, 0.8, 1]),
                 "film": {"type": "hdrfilm", "width": 16, "height": 16, "rfilter": {"type": "box"}},
                 "sampler": {"type": "independent", "sample_count": 64},
             },
@@ -73,11 +74,11 @@ def test_a_white_sheet_in_a_white_room_is_white(llvm: object, tmp_path: Path) ->
             "sheet": mesh_of(mi, tmp_path, vertices, faces, False, interior=interior, bsdf={"type": "null"}),
         }
     )
-    picture = np.array(mi.render(scene))[..., :3]  # type: ignore[attr-defined]
+    picture = np.array(mi.render(scene))[..., :3]
     assert picture.mean() == pytest.approx(1.0, abs=0.01)
 
 
-def test_the_front_is_the_photographed_face(llvm: object) -> None:
+def test_the_front_is_the_photographed_face(llvm: Any) -> None:
     from pipeline.render import render_preset
     from pipeline.report.pictures import srgb_bytes
 
@@ -90,7 +91,7 @@ def test_the_front_is_the_photographed_face(llvm: object) -> None:
 
 
 @pytest.mark.parametrize("preset", ["block", "carved", "false-color", "veneer", "lampshade"])
-def test_every_preset_draws_something_of_the_asked_size(llvm: object, preset: str) -> None:
+def test_every_preset_draws_something_of_the_asked_size(llvm: Any, preset: str) -> None:
     from pipeline.render import render_preset
 
     said: list[str] = []
@@ -104,7 +105,7 @@ def test_every_preset_draws_something_of_the_asked_size(llvm: object, preset: st
 
 
 @pytest.mark.slow
-def test_the_scalar_variant_draws_the_same_block(llvm: object) -> None:
+def test_the_scalar_variant_draws_the_same_block(llvm: Any) -> None:
     program = (
         "import sys; sys.path[:0] = ['tests']; import numpy as np\n"
         "from wood_samples import WOODS; from pipeline.render import render_preset\n"

@@ -68,40 +68,31 @@ class Wood:
         mi, wood, frame = self.mi, self._drjit, self.frame
         if wood is None:
             raise TypeError("the scalar variant reads the wood from grids")
-        # mypy cannot see that a class made here has a base that Mitsuba chooses with its variant.
-        base: Any = mi.Texture
         read: DrjitWood = wood
 
-        class WoodTexture(base):  # type: ignore[misc]
-            """The wood at the point that a ray hit."""
+        def value(si: Any) -> Any:
+            (red, green, blue), late, _ = read(frame.board_of(mi, si.p))
+            if rough:
+                early, latewood = SATIN.roughness_early, SATIN.roughness_late
+                return mi.Color3f(early + (latewood - early) * dr.clip(late, 0.0, 1.0))
+            return mi.Color3f(*(dr.clip(channel, 0.0, 1.0) for channel in (red, green, blue)))
 
-            def eval(self, si: Any, active: Any = True) -> Any:
-                (red, green, blue), late, _ = read(frame.board_of(mi, si.p))
-                if rough:
-                    return mi.Color3f(_roughness(late))
-                return mi.Color3f(*(dr.clip(channel, 0.0, 1.0) for channel in (red, green, blue)))
+        def single(si: Any) -> Any:
+            found = value(si)
+            return (found.x + found.y + found.z) / 3.0
 
-            def eval_1(self, si: Any, active: Any = True) -> Any:
-                (red, green, blue), late, _ = read(frame.board_of(mi, si.p))
-                return _roughness(late) if rough else (red + green + blue) / 3.0
-
-            def eval_3(self, si: Any, active: Any = True) -> Any:
-                return mi.Color3f(self.eval(si, active))
-
-            def mean(self) -> Any:
-                return mi.Float(0.5)
-
-            def is_spatially_varying(self) -> bool:
-                return True
-
-            def to_string(self) -> str:
-                return "WoodTexture[]"
-
-        def _roughness(late: Any) -> Any:
-            return SATIN.roughness_early + (SATIN.roughness_late - SATIN.roughness_early) * dr.clip(late, 0.0, 1.0)
-
+        # Made by `type`, since the base is chosen with the variant, when the program runs.
+        methods = {
+            "eval": lambda self, si, active=True: value(si),
+            "eval_1": lambda self, si, active=True: single(si),
+            "eval_3": lambda self, si, active=True: value(si),
+            "mean": lambda self: mi.Float(0.5),
+            "is_spatially_varying": lambda self: True,
+            "to_string": lambda self: "WoodTexture[]",
+        }
+        kind: Any = type("WoodTexture", (mi.Texture,), methods)
         name = f"woodpipe_{'roughness' if rough else 'color'}"
-        mi.register_texture(name, lambda props: WoodTexture(props))
+        mi.register_texture(name, lambda props: kind(props))
         return mi.load_dict({"type": name})
 
     def _grid_texture(self, take: Callable[[Any], Array]) -> Any:

@@ -55,8 +55,8 @@ def cells_surface(edges: tuple[Array, Array, Array], filled: npt.NDArray[np.bool
 
 def box(extent: Extent) -> Surface:
     """A whole block."""
-    edges = tuple(np.array([low, high]) for low, high in zip(extent.low, extent.high, strict=True))
-    return cells_surface(edges, np.ones((1, 1, 1), bool))  # type: ignore[arg-type]
+    x, y, z = (np.array([low, high]) for low, high in zip(extent.low, extent.high, strict=True))
+    return cells_surface((x, y, z), np.ones((1, 1, 1), bool))
 
 
 def notched(extent: Extent, share: tuple[float, float, float] = (0.46, 0.42, 0.55)) -> Surface:
