@@ -69,6 +69,15 @@ def test_a_mesh_that_is_open_or_no_manifold_is_carved_with_a_note(tmp_path: Path
         assert any(said in note for note in read_mesh(path).notes)
 
 
+@pytest.mark.parametrize("stray", [[np.nan] * 3, [1e6, 0, 0]])
+def test_vertices_of_no_face_are_left_out(tmp_path: Path, stray: list[float]) -> None:
+    body, path = tetrahedron(), tmp_path / "stray.ply"
+    trimesh.Trimesh([stray, *body.vertices], body.faces + 1, process=False).export(path)
+    mesh = read_mesh(path)
+    npt.assert_allclose(np.ptp(mesh.vertices, axis=0), [2, 3, 1.5])
+    assert volume(mesh.vertices, mesh.faces) == pytest.approx(1.5)
+
+
 Spoil = Callable[[Path], None]
 
 

@@ -104,7 +104,10 @@ def checked(vertices: npt.NDArray[Any], faces: npt.NDArray[Any], uv: npt.NDArray
         notes.append(f"the mesh is open: {open_edges:,} edges with a face on one side only")
     if crowded:
         notes.append(f"the mesh is not a manifold: {crowded:,} edges with more than two faces")
-    return Mesh(vertices, np.ascontiguousarray(faces), uv, path.stem, tuple(notes))
+    # Vertices of no face are no part of the surface; one far off, or NaN, would decide how large the rest becomes.
+    kept, corner = np.unique(faces, return_inverse=True)
+    faces = corner.reshape(-1, 3).astype(np.int64)
+    return Mesh(vertices[kept], faces, None if uv is None else uv[kept], path.stem, tuple(notes))
 
 
 def _edges(vertices: npt.NDArray[Any], faces: npt.NDArray[Any]) -> tuple[int, int]:
