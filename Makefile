@@ -48,7 +48,7 @@ gallery: setup
 	$(BIN)/woodpipe run pipeline.yaml
 	$(BIN)/woodpipe gallery pipeline.yaml --out docs/gallery
 	@if [ -d "$(WOODPIPE_SHARED)/data/scans" ]; then \
-		mkdir -p out && sed 's|@SCANS@|$(WOODPIPE_SHARED)/data/scans|' benchmarks/real_scans.yaml > out/real.yaml && \
+		mkdir -p out && sed 's|@SCANS@|$(WOODPIPE_SHARED)/data/scans|g' benchmarks/real_scans.yaml > out/real.yaml && \
 		{ $(BIN)/woodpipe run out/real.yaml; $(BIN)/woodpipe gallery out/real.yaml --out out/gallery; }; \
 	fi
 

@@ -42,6 +42,22 @@ def test_texture_coordinates_of_an_obj_are_kept(tmp_path: Path) -> None:
     npt.assert_allclose(mesh.uv[mesh.faces[0]], [[0, 0], [0.5, 0], [0.5, 0.25]])
 
 
+def test_an_obj_may_begin_with_long_comments_in_any_writing(tmp_path: Path) -> None:
+    path = tmp_path / "long.obj"
+    path.write_bytes("# f\xfcr Holz\n".encode("latin-1") * 20_000 + b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert len(read_mesh(path).faces) == 1
+
+
+def test_an_obj_of_too_many_faces_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+    path = tmp_path / "huge.obj"
+    with path.open("wb") as file:
+        file.write(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+        for _ in range(52):
+            file.write(b"f 1 2 3\n" * 100_000)
+    with pytest.raises(UsageError, match="has 5,200,000 triangles"):
+        read_mesh(path)
+
+
 def test_pieces_placed_by_a_glb_are_where_it_says(tmp_path: Path) -> None:
     scene = trimesh.Scene()
     for shift in (0.0, 10.0):
@@ -142,8 +158,8 @@ BAD: dict[str, tuple[str, Spoil, str]] = {
     "binary obj": ("a.obj", lambda path: path.write_bytes(bytes(500)) and None, "does not look like an .obj"),
     "nan": ("a.obj", nan_vertices, "1 vertices that are not numbers"),
     "flat": ("a.obj", flat, "has no surface"),
-    "beyond": ("a.obj", beyond, ""),
-    "no faces": ("a.obj", no_faces, ""),
+    "beyond": ("a.obj", beyond, "cannot be read as .obj"),
+    "no faces": ("a.obj", no_faces, "has no faces"),
     "cut off": ("a.glb", lambda path: glb(path, lambda tree: None, 10**9), "cut off or broken"),
     "draco": (
         "a.glb",

@@ -17,6 +17,7 @@ MOST_BYTES = 2_000_000_000
 
 _SUFFIXES = (".obj", ".ply", ".stl", ".glb")
 _HEADER = 65_536
+_CHUNK = 1 << 24
 
 
 def mesh_error(path: Path, what: str) -> UsageError:
@@ -56,11 +57,20 @@ def _limit(path: Path, triangles: int) -> None:
 
 
 def _check_obj(path: Path, head: bytes, size: int) -> None:
-    if b"\0" in head or not any(line.lstrip()[:2] in (b"v ", b"v\t") for line in head.splitlines()):
-        raise mesh_error(path, "does not look like an .obj: no line with a vertex (`v x y z`) in its beginning")
-    # A face takes at least `f 1 2 3` and a line end.
-    if size > 8 * 40 * MOST_TRIANGLES:
-        _limit(path, size // 40)
+    counts = {b"v": 0, b"f": 0}
+    with path.open("rb") as file:
+        # A line may be cut by the end of a chunk, so its last bytes are looked at again with the next.
+        rest = b"\n"
+        while chunk := file.read(_CHUNK):
+            text = rest + chunk
+            for kind in counts:
+                counts[kind] += sum(text.count(b"\n" + kind + gap) for gap in (b" ", b"\t"))
+            rest = text[-2:]
+    if b"\0" in head or not counts[b"v"]:
+        raise mesh_error(path, "does not look like an .obj: it has no line with a vertex (`v x y z`)")
+    if not counts[b"f"]:
+        raise mesh_error(path, "has no faces; expected lines such as `f 1 2 3`")
+    _limit(path, max(counts[b"f"], counts[b"v"] // 3))
 
 
 def _check_ply(path: Path, head: bytes, size: int) -> None:

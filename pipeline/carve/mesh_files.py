@@ -61,7 +61,7 @@ def read_mesh(path: str | Path) -> Mesh:
     path = Path(path)
     kind = check_mesh_file(path)
     trimesh = need("trimesh", "carve", "to read meshes")
-    data = io.BytesIO(plain_glb(path)) if kind == "glb" else io.BytesIO(path.read_bytes())
+    data = io.BytesIO(plain_glb(path) if kind == "glb" else _bytes_of(path, kind))
     try:
         options = {"skip_materials": True} if kind == "obj" else {}
         loaded = trimesh.load_scene(data, file_type=kind, process=False, resolver=None, **options).to_mesh()
@@ -70,10 +70,18 @@ def read_mesh(path: str | Path) -> Mesh:
         raise
     # Parsers of four formats fail in as many ways on a broken file; to a person it is one.
     except Exception as error:
-        raise mesh_error(path, f"cannot be read as .{kind} ({type(error).__name__}: {error})") from error
+        what = f"cannot be read as .{kind} ({type(error).__name__}: {error}). Open it elsewhere and save it again"
+        raise mesh_error(path, what) from error
     if not len(faces):
         raise mesh_error(path, "has no faces; expected triangles")
     return checked(vertices, faces, _uv(loaded, len(vertices)), path)
+
+
+def _bytes_of(path: Path, kind: str) -> bytes:
+    """A file's bytes; of a text mesh as UTF-8, whatever its comments and names were written in."""
+    data = path.read_bytes()
+    text = kind == "obj" or (kind == "stl" and data.lstrip()[:5].lower() == b"solid" and b"facet" in data)
+    return data.decode("utf-8", "replace").encode("utf-8") if text else data
 
 
 def checked(vertices: npt.NDArray[Any], faces: npt.NDArray[Any], uv: npt.NDArray[Any] | None, path: Path) -> Mesh:
