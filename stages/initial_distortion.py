@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from pydantic import PositiveFloat, PositiveInt
 
-from stages.polylines import face_frame, vertex_ages, vertex_weights
+from stages.polylines import believed_weights, face_frame, vertex_ages
 from stages.stage import Params, scalar, stage
 from stages.variables import (
     ANOMALY,
@@ -15,6 +15,7 @@ from stages.variables import (
     DISPLACEMENT,
     FACE_PLANE,
     FACE_TOP,
+    INNERMOST_AGE,
     RING_AGE_SHIFT,
     RING_AGE_SIGN,
     RING_GROUP,
@@ -64,12 +65,13 @@ class InitialDistortionParams(Params):
         RING_AGE_SHIFT,
         RING_AGE_SIGN,
         RING_RADIUS,
+        INNERMOST_AGE,
         BOARD_TO_TREE,
         STEM,
         RING_WIDTH,
     ),
     provides=(DISPLACEMENT, AZIMUTH_WRAPS),
-    version=2,
+    version=3,
     params=InitialDistortionParams,
     sees_block=True,
 )
@@ -86,7 +88,7 @@ def initial_distortion(ds: xr.Dataset, params: InitialDistortionParams) -> xr.Da
         ds[RING_X.name].values,
         ds[RING_Y.name].values,
         vertex_ages(ds),
-        vertex_weights(ds),
+        believed_weights(ds),
     )
     field = displacement.initial_displacement(
         grid, vertices, ds[RING_RADIUS.name].values, params.stiffness_rings * ring, params.along_stem

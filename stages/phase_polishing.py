@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, PositiveFloat, PositiveInt
 
-from stages.polylines import face_frame, phase_signs, vertex_ages, vertex_weights
+from stages.polylines import believed_weights, face_frame, phase_signs, vertex_ages
 from stages.stage import Params, stage
 from stages.variables import (
     ANOMALY,
@@ -16,6 +16,7 @@ from stages.variables import (
     FACE_AGE,
     FACE_PLANE,
     FACE_TOP,
+    INNERMOST_AGE,
     LOSS,
     PHASE_CONFIDENCE,
     PHASE_RESIDUAL,
@@ -66,13 +67,14 @@ class PhasePolishingParams(Params):
         RING_AGE_SHIFT,
         RING_AGE_SIGN,
         RING_RADIUS,
+        INNERMOST_AGE,
         BOARD_TO_TREE,
         STEM,
         DISPLACEMENT,
         AZIMUTH_WRAPS,
     ),
     provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
-    version=2,
+    version=3,
     params=PhasePolishingParams,
     sees_block=True,
 )
@@ -102,7 +104,7 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         ds[RING_X.name].values,
         ds[RING_Y.name].values,
         vertex_ages(ds),
-        vertex_weights(ds),
+        believed_weights(ds),
     )
     polished = displacement.polish(
         grid,

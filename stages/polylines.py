@@ -8,11 +8,13 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from stages.stage import scalar
 from stages.variables import (
     ANOMALY,
     BOARD_TO_TREE,
     FACE_PLANE,
     FACE_TOP,
+    INNERMOST_AGE,
     RING_AGE_SHIFT,
     RING_AGE_SIGN,
     RING_GROUP,
@@ -66,6 +68,11 @@ def face_frame(ds: xr.Dataset) -> FaceFrame:
     from woodfit.face import FaceFrame
 
     return FaceFrame(planes_of(ds), ds[BOARD_TO_TREE.name].values, ds[STEM.name].values)
+
+
+def believed_weights(ds: xr.Dataset) -> npt.NDArray[np.float64]:
+    """As `vertex_weights`, and 0 on lines that the pose does not take for ring boundaries."""
+    return np.asarray(vertex_weights(ds) * (vertex_ages(ds) >= scalar(ds, INNERMOST_AGE)), np.float64)
 
 
 def vertex_weights(ds: xr.Dataset) -> npt.NDArray[np.float64]:

@@ -17,6 +17,7 @@ from stages.variables import (
     FACE_PLANE,
     FACE_TOP,
     GRAIN_RATIO,
+    INNERMOST_AGE,
     POSE_SPREAD,
     POSE_UNDETERMINED,
     RGB,
@@ -100,6 +101,7 @@ class PoseParams(Params):
     ),
     provides=(
         BOARD_TO_TREE,
+        INNERMOST_AGE,
         RING_RADIUS,
         RING_AGE_SIGN,
         RING_AGE_SHIFT,
@@ -108,7 +110,7 @@ class PoseParams(Params):
         POSE_UNDETERMINED,
         STEM,
     ),
-    version=2,
+    version=3,
     params=PoseParams,
     sees_block=True,
 )
@@ -138,7 +140,7 @@ def pose(ds: xr.Dataset, params: PoseParams) -> xr.Dataset:
     )
     given = (params.bend_x_per_px, params.bend_y_per_px, params.taper_per_px)
     fitted, stem = pith_stem.with_stem(rings, fitted, face.centre, params.stem == "auto", given)
-    radius, shift, width = ring_radii(rings, fitted, params.narrowest_share, stem)
+    radius, shift, width, innermost = ring_radii(rings, fitted, params.narrowest_share, stem)
     story = pose_story.describe(fitted, face, float(width))
     figures = dict(story.figures)
     if stem.any():
@@ -146,6 +148,7 @@ def pose(ds: xr.Dataset, params: PoseParams) -> xr.Dataset:
     return xr.Dataset(
         {
             BOARD_TO_TREE.name: BOARD_TO_TREE.array(pith.board_to_tree(fitted, face.centre) @ to_facing),
+            INNERMOST_AGE.name: INNERMOST_AGE.array(np.int64(innermost)),
             RING_RADIUS.name: RING_RADIUS.array(radius),
             RING_AGE_SIGN.name: RING_AGE_SIGN.array(ties.sign),
             RING_AGE_SHIFT.name: RING_AGE_SHIFT.array(ties.shift + shift[cluster]),

@@ -150,6 +150,14 @@ RING_AGE_SHIFT = Variable(
     "1",
     "What to add to a group's ring indices to get the ring age of its boundaries.",
 )
+
+INNERMOST_AGE = Variable(
+    "innermost_age",
+    (),
+    "iu",
+    "1",
+    "ring age of the innermost boundary that is believed; lines inside of it are grain, rings there were not seen",
+)
 RING_AGE_SIGN = Variable(
     "ring_age_sign",
     ("group",),

@@ -229,10 +229,11 @@ def test_the_radii_about_the_true_pith_are_those_drawn(cut: str) -> None:
     point, along = line(*CUTS[cut][:2])
     boundaries = even(14.0)
     ages, rings = drawn_rings(point, along, boundaries)
-    radius, shift, width = ring_radii(rings, Pith(point, along, 0.0, np.ones(4)))
-    npt.assert_allclose(radius, boundaries[: len(radius)], atol=0.1)
-    assert len(radius) == ages.max() + 1
-    assert shift.tolist() == [ages.min() - 1]
+    radius, shift, width, innermost = ring_radii(rings, Pith(point, along, 0.0, np.ones(4)))
+    npt.assert_allclose(radius[innermost:], boundaries[ages.min() : ages.max() + 1], atol=0.1)
+    # Rings that were not seen may be wider, as young trees grow, so there may be fewer of them; never more.
+    assert 0.6 * ages.min() <= innermost <= ages.min()
+    assert shift.tolist() == [innermost - 1]
     assert float(width) == pytest.approx(14.0, rel=0.02)
 
 
@@ -249,7 +250,7 @@ def test_uneven_radii_are_kept_and_missing_ones_lie_between_their_neighbours() -
         np.delete(rings.index, 6),
         np.delete(rings.group, 6),
     )
-    radius, shift, _ = ring_radii(part, Pith(point, along, 0.0, np.ones(4)))
+    radius, shift, _, _ = ring_radii(part, Pith(point, along, 0.0, np.ones(4)))
     assert shift.tolist() == [0]
     assert (np.diff(radius) > 0).all()
     expected = boundaries[: len(radius)].copy()
@@ -269,9 +270,9 @@ def test_a_group_without_votes_is_shifted_to_where_its_radii_fit() -> None:
         np.where(late, rings.index - rings.index[late].min() + 1, rings.index),
         late.astype(np.int64),
     )
-    radius, shift, _ = ring_radii(split, Pith(point, along, 0.0, np.ones(4)))
-    assert shift.tolist() == [ages.min() - 1, ages.min() - 1 + 20]
-    npt.assert_allclose(radius, even(14.0)[: len(radius)], atol=0.1)
+    radius, shift, _, innermost = ring_radii(split, Pith(point, along, 0.0, np.ones(4)))
+    assert shift.tolist() == [innermost - 1, innermost - 1 + 20]
+    npt.assert_allclose(radius[innermost:], even(14.0)[ages.min() : ages.max() + 1], atol=0.1)
 
 
 def test_radii_increase_even_where_the_rings_contradict_it() -> None:
@@ -283,7 +284,7 @@ def test_radii_increase_even_where_the_rings_contradict_it() -> None:
     jumbled = RingPoints(
         rings.points, rings.tangents, np.argsort(order)[rings.ring], rings.weight, swapped[order], rings.group
     )
-    radius, _, width = ring_radii(jumbled, Pith(point, along, 0.0, np.ones(4)), smallest_share=0.2)
+    radius, _, width, _ = ring_radii(jumbled, Pith(point, along, 0.0, np.ones(4)), smallest_share=0.2)
     assert np.diff(radius).min() >= 0.2 * float(width) - 1e-9
 
 
@@ -302,7 +303,7 @@ def test_groups_of_an_eccentric_tree_are_tied_by_vertices_near_one_another() -> 
             index.append(age - 9 - 3 * side)
             group.append(side)
     rings = sample_rings(lines, [np.ones(len(one)) for one in lines], np.array(index), np.array(group))
-    _, shift, _ = ring_radii(rings, Pith(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, np.ones(4)))
+    _, shift, _, _ = ring_radii(rings, Pith(np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0, np.ones(4)))
     assert shift[1] - shift[0] == 3
 
 
@@ -349,7 +350,7 @@ def test_three_faces_of_a_block_tell_the_pith_and_its_side(depth: float) -> None
     assert np.degrees(np.arccos(abs(float(pith.direction @ along)))) < 0.5
     gap = (pith.point - point) - ((pith.point - point) @ along) * along
     assert np.linalg.norm(gap) < 5.0
-    _, shift, _ = ring_radii(rings, pith)
+    _, shift, _, _ = ring_radii(rings, pith)
     # The faces' own counts are tied to one age.
     ages = rings.index + shift[rings.group]
     inner = np.array([radii(rings.points[rings.ring == i], point, along).mean() for i in range(len(ages))])
@@ -391,7 +392,7 @@ def test_a_known_ring_width_decides_the_distance() -> None:
     _, rings = drawn_rings(point, along, even(14.0))
     for width in (13.0, 14.0):
         pith = fit_pith(rings, 480.0, fixed=Fixed((None, None, None), None, None, width))
-        radius, _, found = ring_radii(rings, pith)
+        radius, _, found, _ = ring_radii(rings, pith)
         assert len(radius) > 1
         assert float(found) == pytest.approx(width, rel=0.04)
 

@@ -10,13 +10,14 @@ widths decides. Points of several faces of one block are fitted just the same.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from woodfit.fiber import FiberSight
-from woodfit.pith_energy import RingPoints, along_face_evidence, direction_of, spacing_px
+from woodfit.pith_energy import RingPoints, along_face_evidence, direction_of, frame_of, spacing_px
 from woodfit.pith_evidence import Evidence, Growth
 from woodfit.pith_samples import Line, explore, middle
 from woodfit.pith_search import Cost, Known, descend, distinct, starts
@@ -25,6 +26,12 @@ FloatArray = npt.NDArray[np.float64]
 
 #: Vertices used: in the first search, and in all that follows.
 FEW_VERTICES, VERTICES = 200, 400
+
+#: How far the centre of curvature of a short arc of rings usually lies from the pith, as a share of its distance.
+WANDER = 0.055
+
+#: Cosine of the angle between two stems from which on growth is looked at anew along the other.
+SAME_STEM = 0.985
 
 
 @dataclass(frozen=True)
@@ -135,9 +142,11 @@ def fit_pith(
     spacing = spacing_px(rings)
     few, many = rings.thinned(FEW_VERTICES), rings.thinned(VERTICES)
 
-    def cost_of(part: RingPoints, growth: Growth, doubt: FloatArray | None = None) -> Cost:
+    def cost_of(
+        part: RingPoints, growth: Growth, doubt: FloatArray | None = None, stem: FloatArray | None = None
+    ) -> Cost:
         # Doubt is told per polyline; a thinned set may lack the last ones.
-        evidence = Evidence(part, spacing, growth, doubt, fixed.width_px)
+        evidence = Evidence(part, spacing, growth, doubt, fixed.width_px, stem)
         return Cost(evidence, size_px, centre, along_face, known, fibers or FiberSight.nothing())
 
     loose = cost_of(few, Growth(strength=0.3, tracing=0.2, piece=0.1))
@@ -150,20 +159,46 @@ def fit_pith(
     first = cost_of(few, Growth())
     found = [descend(first, origin[i], direction[i], 2, 15) for i in distinct(loose, value, origin, direction, 8, 30.0)]
     best = min(found, key=lambda line: line[0])
-    full = cost_of(many, Growth())
-    doubt = full.evidence.doubtful(best[1], best[2])
-    cost = cost_of(many, Growth(), doubt) if doubt.any() else full
-    modes = _modes(cost, found)
+    # From here on growth changes slowly along the stem, which is known well enough by now.
+    cost, modes = _along(best[2], found, cost_of, many)
+    if abs(float(modes[0][2] @ best[2])) < SAME_STEM:
+        cost, modes = _along(modes[0][2], modes, cost_of, many)
     steps = explore(cost, modes, np.random.default_rng(seed))
     (energy, point, along), spread = middle(cost, modes[0], steps, mirrors)
     # A tree that strays farther from round than usual leaves its pith less sure (reduced chi-square).
     spread = spread * max(1.0, math.sqrt(cost.evidence.unevenness(point, along)))
+    if not solid:
+        spread = _wandering(spread, point, along, centre, rings)
     if mirrors and (point[2] < 0.0) == pith_behind and point[2] != 0.0:
         # Mirror in the face: the photograph is the same.
         point, along = point * [1.0, 1.0, -1.0], along * [1.0, 1.0, -1.0]
     main = int(np.argmax(np.abs(along)))
     point, along = fixed.overrule(point, along if along[main] >= 0.0 else -along)
     return Pith(point, along, energy, spread, mirrors, centre)
+
+
+def _wandering(
+    spread: FloatArray, point: FloatArray, along: FloatArray, centre: FloatArray, rings: RingPoints
+) -> FloatArray:
+    """Spread (4,) with what a short arc cannot tell: growth that is not round moves its centre of curvature."""
+    axes = np.stack(frame_of(along))
+    x, y = axes @ (rings.points - point).T
+    towards_x, towards_y = axes @ (centre - point)
+    turned = np.arctan2(x * towards_y - y * towards_x, x * towards_x + y * towards_y)
+    half_arc = min(0.5 * float(np.ptp(np.quantile(turned, [0.02, 0.98]))), 0.5 * math.pi)
+    away = WANDER * math.cos(half_arc) * np.abs(axes @ (point - centre))
+    return np.concatenate([spread[:2], np.hypot(spread[2:], away)])
+
+
+def _along(
+    stem: FloatArray, found: list[Line], cost_of: Callable[..., Cost], rings: RingPoints
+) -> tuple[Cost, list[Line]]:
+    """Cost with growth that changes slowly along `stem`, doubtful polylines discounted, and its likeliest lines."""
+    best = min(found, key=lambda line: line[0])
+    full = cost_of(rings, Growth(), stem=stem)
+    doubt = full.evidence.doubtful(best[1], best[2])
+    cost = cost_of(rings, Growth(), doubt, stem) if doubt.any() else full
+    return cost, _modes(cost, found)
 
 
 def _modes(cost: Cost, found: list[Line]) -> list[Line]:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 
+from woodfit.inner_rings import age_trend
 from woodfit.pith_energy import RingPoints, frames_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -26,13 +27,16 @@ ECCENTRIC, OVAL, TAPER = 0.04, 0.02, 0.002
 
 #: How far along the stem, in ring widths, until the shape has changed by as much again; how many rings a tree has
 #: until its shape no longer counts as a share of the radius (far from the pith that would explain any rings).
-CHANGE_RINGS, SHAPED_RINGS = 30.0, 40.0
+CHANGE_RINGS, SHAPED_RINGS = 30.0, 12.0
 
 #: Log width of a ring: share kept from the year before, scatter about that, scatter about the level.
 MEMORY, YEAR_SCATTER, LEVEL_SCATTER = 0.5, 0.25, 0.35
 
 #: How many degrees of freedom the usual strength of distortion is worth against the one that the rings show.
 USUAL_STRENGTH = 40.0
+
+#: How much of the usual age trend of widths to expect.
+TREND = 0.7
 
 #: Rings of an old tree, and the scatter of the log of the age beyond.
 OLD_RINGS, OLD_SCATTER = 80.0, 0.7
@@ -44,14 +48,19 @@ class Growth:
 
     Attributes
     ----------
-    strength, reach : float
-        Standard deviation of the smooth distortion, and its length of correlation.
+    strength : float
+        Standard deviation of the smooth distortion.
+    reach : tuple of float
+        Its lengths of correlation across the stem: growth is uneven on several scales, each with a like share.
+    along : float
+        By how much it reaches farther along the stem, where its direction is known: growth there changes slowly.
     tracing, piece : float
         Standard deviation of a vertex, and of a whole polyline, about the true boundary.
     """
 
     strength: float = 0.2
-    reach: float = 5.0
+    reach: tuple[float, ...] = (4.0, 12.0)
+    along: float = 2.5
     tracing: float = 0.1
     piece: float = 0.05
 
@@ -71,6 +80,8 @@ class Evidence:
         Further standard deviation of each polyline, in ring widths: large where its number seems wrong.
     width_px : float, optional
         Mean ring width, where a person knows it.
+    stem : array of shape (3,), optional
+        About where the stem runs (unit vector), along which growth changes slowly; without it all ways are alike.
     """
 
     def __init__(
@@ -80,8 +91,10 @@ class Evidence:
         growth: Growth,
         doubt: FloatArray | None = None,
         width_px: float | None = None,
+        stem: FloatArray | None = None,
     ) -> None:
         self.rings, self.spacing_px, self.growth, self.width_px = rings, spacing_px, growth, width_px
+        self.stem = stem
         present, ring = np.unique(rings.ring, return_inverse=True)
         self.ring, index, group = ring.ravel(), rings.index[present], rings.group[present]
         members = np.eye(len(present))[self.ring]
@@ -110,9 +123,14 @@ class Evidence:
     def _covariance(self, doubt: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Covariance (K, K) of the vertices' radii in ring widths, and the part (K,) that is tracing."""
         growth, pieces = self.growth, self.rings.pieces
-        gap = np.linalg.norm(self.rings.points[:, None] - self.rings.points[None], axis=-1)
-        u = math.sqrt(5.0) * gap / (growth.reach * self.spacing_px)
-        total = growth.strength**2 * (1.0 + u + u * u / 3.0) * np.exp(-u)
+        points = self.rings.points
+        if self.stem is not None:
+            points = points - np.outer(points @ self.stem, (1.0 - 1.0 / growth.along) * self.stem)
+        gap = np.linalg.norm(points[:, None] - points[None], axis=-1)
+        total = np.zeros_like(gap)
+        for reach in growth.reach:
+            u = math.sqrt(5.0) * gap / (reach * self.spacing_px)
+            total += growth.strength**2 / len(growth.reach) * (1.0 + u + u * u / 3.0) * np.exp(-u)
         whole = growth.piece**2 + doubt**2
         total += np.where(pieces[:, None] == pieces[None], whole[pieces][:, None], 0.0)
         noise = growth.tracing**2 / np.clip(self.rings.beliefs, 0.05, 1.0)
@@ -221,6 +239,8 @@ class Evidence:
             return np.zeros(len(radius))
         share = (radius[:, self.outer] - radius[:, self.inner]) / self.apart / width[:, None]
         logs = np.log(np.maximum(share, 0.05))
+        year = 0.5 * np.abs(radius[:, self.outer] + radius[:, self.inner]) / width[:, None]
+        logs = logs - TREND * age_trend(year)
         away = logs - np.median(logs, axis=1, keepdims=True)
         known = self.width_variance / np.maximum(share, 0.3) ** 2
         step = away[:, 1:] - np.where(self.follows, MEMORY * away[:, :-1], 0.0)

@@ -21,6 +21,9 @@ SAWN_WITHIN_RAD, SAWN_COST = 0.06, 1.5
 #: Distance of the pith in sizes of the face from which on it gets unlikely, and the scatter of its log.
 USUAL_DISTANCE, DISTANCE = 0.5, 0.8
 
+#: Distance of the pith in sizes of the face below which all are as likely.
+NEAR = 0.1
+
 #: Steps of the charts: two angles (rad) and two offsets (sizes of the face).
 STEP = 0.03
 
@@ -83,7 +86,9 @@ class Cost:
         far = np.log((distance / self.size_px + 0.02) / USUAL_DISTANCE) / DISTANCE
         upright = np.minimum(1.0, np.abs(direction[:, 2]))
         off_saw = np.minimum(np.arccos(upright), np.arcsin(upright))
-        cost = 0.5 * np.maximum(far, 0.0) ** 2 - self.along_face * (0.5 - upright**2) + self.fibers.cost(direction)
+        # A distance is a scale: without its logarithm the many places far away outweigh the few near ones.
+        cost = np.log(distance / self.size_px + NEAR) + 0.5 * np.maximum(far, 0.0) ** 2
+        cost += self.fibers.cost(direction) - self.along_face * (0.5 - upright**2)
         if not self.evidence.rings.solid:
             cost = cost + SAWN_COST * np.log1p((off_saw / SAWN_WITHIN_RAD) ** 2)
         for axis, value in enumerate(self.known.point):

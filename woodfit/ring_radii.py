@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,11 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from woodfit.cylinder_grid import cylindrical
+from woodfit.inner_rings import false_innermost, widths_inside
 from woodfit.pith import Pith, board_to_tree
 from woodfit.pith_energy import RingPoints, radii
 
 FloatArray = npt.NDArray[np.float64]
-
-#: Rings next to those that are not seen that tell how wide these are, as much as all rings do.
-NEXT_RINGS = 8
 
 #: Vertices of other groups that each vertex is compared with.
 NEIGHBOURS = 6
@@ -27,7 +24,7 @@ NEAREST = 0.05
 
 def ring_radii(
     rings: RingPoints, pith: Pith, smallest_share: float = 0.25, stem: npt.ArrayLike | None = None
-) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, int]:
     """Ideal radius of every boundary from the pith out.
 
     Groups that no vote ties to the largest (of other faces of a block too) are shifted by the whole number of rings
@@ -52,6 +49,8 @@ def ring_radii(
         For each group, what to add to a ring index to get the age of that boundary.
     width : float
         Mean ring width, px (shape ()).
+    innermost : int
+        Age of the innermost boundary that is believed: lines inside of it are grain, not rings.
     """
     if stem is None or not np.any(stem):
         r = radii(rings.points, pith.point, pith.direction)
@@ -66,10 +65,7 @@ def ring_radii(
     order = np.argsort(-np.bincount(group, mass), kind="stable")
     largest = (group == order[0]) & seen
     width = _mean_width(index[largest], mean[largest], r)
-    innermost = index[largest].argmin()
     shift = np.zeros(int(group.max()) + 1, np.int64)
-    inner = math.sqrt(width * _inner_width(index[largest], mean[largest], width))
-    shift[order[0]] = max(1, round(float(mean[largest][innermost]) / inner)) - int(index[largest][innermost])
     known: dict[int, list[tuple[float, float]]] = {}
     placed = np.zeros(len(r), bool)
     for number in order:
@@ -83,14 +79,17 @@ def ring_radii(
         placed |= mine
         for i in members:
             known.setdefault(int(index[i] + shift[number]), []).append((float(mean[i]), float(mass[i])))
-    least = min(known)
-    if least < 1:
-        shift += 1 - least
-        known = {age + 1 - least: value for age, value in known.items()}
     ages = np.array(sorted(known))
-    table = _mean_radii(known, ages)
     weights = np.array([sum(m for _, m in known[a]) for a in ages])
-    return _monotone(ages, table, weights, width, smallest_share), shift, np.asarray(width)
+    table = _mean_radii(known, ages)
+    false = false_innermost(ages, table, weights, width)
+    ages, weights, table = ages[false:], weights[false:], table[false:]
+    outside = _monotone(ages, table, weights, width, smallest_share)
+    inside = widths_inside(np.diff(outside), float(outside[0]), width)
+    innermost = len(inside)
+    shift += innermost - int(ages[0])
+    radius = np.concatenate([[0.0], np.cumsum(inside[:-1]), outside])
+    return radius, shift, np.asarray(width), innermost
 
 
 def _mean_width(index: npt.NDArray[np.int64], mean: FloatArray, r: FloatArray) -> float:
@@ -100,14 +99,6 @@ def _mean_width(index: npt.NDArray[np.int64], mean: FloatArray, r: FloatArray) -
         return float(max(np.ptp(r), 1.0))
     slope = np.polyfit(index, mean, 1)[0]
     return float(max(abs(slope), 0.3 * np.ptp(mean) / span, 1e-3))
-
-
-def _inner_width(index: npt.NDArray[np.int64], mean: FloatArray, width: float) -> float:
-    """Mean width of the innermost rings, px, within a factor of two of the mean width of all."""
-    order = np.argsort(index)[: NEXT_RINGS + 1]
-    span = int(np.ptp(index[order]))
-    found = float(mean[order[-1]] - mean[order[0]]) / span if span else width
-    return min(max(found, 0.5 * width), 2.0 * width)
 
 
 def _shift_to(
@@ -156,7 +147,7 @@ def _age_at(radius: FloatArray, ages: npt.NDArray[Any], table: FloatArray, width
 def _monotone(
     ages: npt.NDArray[Any], table: FloatArray, weights: FloatArray, width: float, smallest_share: float
 ) -> FloatArray:
-    """Increasing radii at ages 0, 1, ... through a noisy table of some of them (pool adjacent violators)."""
+    """Increasing radii at all ages from the first to the last through a noisy table (pool adjacent violators)."""
     least = smallest_share * width
     values = table - least * ages
     blocks: list[list[float]] = []
@@ -171,6 +162,7 @@ def _monotone(
             ]
     level = np.concatenate([np.full(int(n), v) for v, _, n in blocks])
     fitted = level + least * ages
-    fitted = fitted + max(0.0, 0.2 * least * ages[0] - fitted[0])
-    every = np.arange(int(ages[-1]) + 1)
-    return np.asarray(np.interp(every, np.concatenate([[0], ages]), np.concatenate([[0.0], fitted])))
+    # The pith lies inside of all.
+    fitted = fitted + max(0.0, 0.2 * least - fitted[0])
+    every = np.arange(int(ages[0]), int(ages[-1]) + 1)
+    return np.asarray(np.interp(every, ages, fitted))
