@@ -131,6 +131,15 @@ def test_a_walk_that_comes_home_a_little_off_is_closed_without_an_overlap(tear: 
         assert np.hypot(*(t.points[0] - t.points[-1])) < 0.35 * width
 
 
+def test_a_walk_that_spins_off_its_boundary_leaves_nothing() -> None:
+    # Round a point no pixel but the first lies near a boundary, so the walk turns full circle without keeping any.
+    y, x = np.mgrid[:24, :24] - 11.5
+    phase = np.full(x.shape, 3.0)
+    phase[11, 14] = 0.0
+    fields = (phase, np.arctan2(y, x), np.full(x.shape, 0.05), np.ones(x.shape), wood(x.shape))
+    assert trace_rings(*fields, **LIMITS) == []
+
+
 def test_a_speck_that_closes_within_half_a_ring_is_no_ring() -> None:
     shape, center, width = (160, 160), (80.0, 80.0), 20.0
     age, _ = round_age(shape, center, width)

@@ -134,6 +134,9 @@ _ONCE_ROUND = 6.6
 
 def _close(path: npt.NDArray[np.float64], near_px: float) -> tuple[npt.NDArray[np.float64], bool]:
     """Path (K, 3) cut where it comes back to its start, and whether it does."""
+    if len(path) < 5:
+        # A walk that spun over doubtful ground, of which next to nothing is kept.
+        return path, False
     tail = len(path) - len(path) // 5
     apart = np.hypot(*(path[tail:, :2] - path[0, :2]).T)
     home = int(apart.argmin())
