@@ -19,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 SAWN_WITHIN_RAD, SAWN_COST = 0.06, 1.5
 
 #: Distance of the pith in sizes of the face from which on it gets unlikely, and the scatter of its log.
-USUAL_DISTANCE, DISTANCE = 0.5, 0.8
+USUAL_DISTANCE, DISTANCE = 0.4, 0.6
 
 #: Distance of the pith in sizes of the face below which all are as likely.
 NEAR = 0.1
