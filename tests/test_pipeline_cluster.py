@@ -93,11 +93,12 @@ def test_ctrl_c_ends_the_run_quietly_and_keeps_what_is_done(project: Make, tmp_p
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     driver = subprocess.Popen(command, env=environment, start_new_session=True, **pipes)
     results = config.parent / "out/.woodpipe/results/read"
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while not list(results.glob("*/meta.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
+    assert list(results.glob("*/meta.json"))
     os.killpg(driver.pid, signal.SIGINT)
-    told, _ = driver.communicate(timeout=15)
+    told, _ = driver.communicate(timeout=30)
     assert driver.returncode == 130, told
     assert "interrupted; what is done is kept" in told
     assert "Traceback" not in told
