@@ -37,7 +37,7 @@ class ColorMapParams(Params):
 @stage(
     requires=(FACE_PLANE, FACE_TOP, RGB, VALID, ANOMALY, FACE_AGE, PHASE_CONFIDENCE, BRIGHT_OUTWARDS, RING_RADIUS),
     provides=(COLOR_STRIP, LATENESS_STRIP, STRIP_SUPPORT, SAMPLES_PER_RING, FACE_GAIN, RENDERED),
-    version=2,
+    version=3,
     params=ColorMapParams,
     sees_block=True,
 )

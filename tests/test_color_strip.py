@@ -77,6 +77,16 @@ def test_unseen_rings_take_the_mean_profile_at_the_brightness_of_their_neighbour
         assert np.abs(guessed / true - 1.0).max() < 0.2
 
 
+def test_a_sliver_of_the_innermost_ring_does_not_color_all_rings_inside() -> None:
+    # Of ring 5 only the last third was seen, under a reflection: half as bright again.
+    age, rgb = face()
+    seen = age > 5.67
+    rgb = np.where((age < 6.0)[:, None], 1.5 * rgb, rgb)[seen]
+    strip = fit(age[seen], rgb)
+    level = strip.rgb.reshape(RINGS, SAMPLES, 3).mean(axis=(1, 2))
+    npt.assert_allclose(level[:5], level[6:9].mean(), rtol=0.12)
+
+
 def test_the_color_has_no_seam_at_ring_boundaries() -> None:
     strip = fit(*face())
     boundary = np.arange(1.0, RINGS)

@@ -12,6 +12,9 @@ from scipy.ndimage import gaussian_filter1d
 
 Array = npt.NDArray[Any]
 
+#: How many rings away others tell the brightness of one that was not seen.
+NEAR_RINGS = 3.0
+
 
 @dataclass(frozen=True)
 class ColorStrip:
@@ -160,19 +163,23 @@ def _fill_cyclic(profile: Array, counts: Array) -> Array:
 
 
 def _ring_levels(table: Array, counts: Array, profile: Array) -> Array:
-    """Color of each ring relative to the mean ring, smooth over rings that were not seen; shape (rings, 3)."""
+    """Color of each ring relative to the mean ring, smooth over rings that were not seen; shape (rings, 3).
+
+    A ring of which only a part was seen says little of the rest: its level is mixed with that of the rings about it.
+    """
     mass = counts.sum(axis=(1, 2))
-    ratio = (table * counts).sum(axis=1) / np.maximum((profile[None] * counts).sum(axis=1), 1e-9)
-    rings = np.arange(len(mass))
     seen = mass > 0
     if not seen.any():
-        return np.ones_like(ratio)
-    level: Array = np.ones_like(ratio)
-    for channel in range(3):
-        near = np.interp(rings, rings[seen], ratio[seen, channel])
-        spread = gaussian_filter1d(near, 2.0, mode="nearest")
-        level[:, channel] = np.where(seen, ratio[:, channel], spread)
-    return level
+        return np.ones((len(mass), 3))
+    ratio = (table * counts).sum(axis=1) / np.maximum((profile[None] * counts).sum(axis=1), 1e-9)
+    log_ratio = np.log(np.clip(ratio, 0.2, 5.0)) * seen[:, None]
+    covered = (counts[..., 0] > 0).mean(axis=1)
+    trust = covered**2 * np.minimum(1.0, mass / np.median(mass[seen]))
+    apart = np.arange(len(mass))[:, None] - np.arange(len(mass))[None]
+    # A heavy tail: far inside of what was seen it is the rings nearest to it that count, however far they are.
+    near = trust[None] / (1.0 + (apart / NEAR_RINGS) ** 2) ** 2
+    about = near @ log_ratio / np.maximum(near.sum(axis=1, keepdims=True), 1e-12)
+    return np.asarray(np.exp(trust[:, None] * log_ratio + (1.0 - trust[:, None]) * about))
 
 
 def _lateness(strip: Array, rings: int, samples: int, latewood_is_dark: bool) -> npt.NDArray[np.float32]:
