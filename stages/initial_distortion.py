@@ -71,13 +71,13 @@ class InitialDistortionParams(Params):
         RING_WIDTH,
     ),
     provides=(DISPLACEMENT, AZIMUTH_WRAPS),
-    version=3,
+    version=4,
     params=InitialDistortionParams,
     sees_block=True,
 )
 def initial_distortion(ds: xr.Dataset, params: InitialDistortionParams) -> xr.Dataset:
     """Carry the difference between traced and ideal rings from the face into the tree's coordinates."""
-    from woodfit import displacement
+    from woodfit import cylinder_grid, displacement
 
     ring, frame = scalar(ds, RING_WIDTH), face_frame(ds)
     x, y, valid = ds.coords["x"].values, ds.coords["y"].values, ds[VALID.name].values
@@ -93,6 +93,7 @@ def initial_distortion(ds: xr.Dataset, params: InitialDistortionParams) -> xr.Da
     field = displacement.initial_displacement(
         grid, vertices, ds[RING_RADIUS.name].values, params.stiffness_rings * ring, params.along_stem
     )
+    grid, field = cylinder_grid.towards_pith(grid, field)
     return xr.Dataset(
         {
             DISPLACEMENT.name: DISPLACEMENT.array(field),

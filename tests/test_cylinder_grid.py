@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from kernel_scenes import Array
 
-from woodfit.cylinder_grid import CylinderGrid, cylindrical, grid_for, sample, trilinear, without_fold
+from woodfit.cylinder_grid import (
+    CylinderGrid,
+    cylindrical,
+    grid_for,
+    sample,
+    towards_pith,
+    trilinear,
+    without_fold,
+)
 from woodfit.pith import Pith, board_to_tree
 
 OPEN = CylinderGrid(np.linspace(40.0, 160.0, 9), np.linspace(-0.6, 0.9, 7), np.linspace(-50.0, 70.0, 5), wraps=False)
@@ -196,3 +204,24 @@ def test_without_fold_keeps_its_input() -> None:
     assert np.abs(without_fold(values * 9.0, ROUND.radius) - values * 9.0).max() > 1.0
     without_fold(values, ROUND.radius)
     npt.assert_array_equal(values, before)
+
+
+def test_a_displacement_goes_on_to_the_pith_in_proportion_to_the_radius() -> None:
+    grid = CylinderGrid(np.linspace(60.0, 200.0, 15), np.linspace(-1.0, 1.0, 5), np.linspace(0.0, 90.0, 4), False)
+    # Uneven growth by which every constant continuation would leave a disc of age 0 about the pith.
+    field = np.full(grid.shape, -40.0) + np.random.default_rng(0).normal(0.0, 3.0, grid.shape[1:])
+    wider, carried = towards_pith(grid, field)
+    npt.assert_allclose(wider.radius[-15:], grid.radius)
+    npt.assert_allclose(carried[-15:], field, rtol=1e-6)
+    assert 0.0 <= wider.radius[0] < grid.steps[0]
+    npt.assert_allclose(np.diff(wider.radius), grid.steps[0])
+    grown = wider.radius[:, None, None] + carried
+    assert (grown >= 0.0).all()
+    assert (np.diff(grown, axis=0) > 0.0).all()
+
+
+def test_a_grid_far_from_the_pith_stays_as_it_is() -> None:
+    grid = CylinderGrid(np.linspace(900.0, 1000.0, 11), np.linspace(-1.0, 1.0, 5), np.linspace(0.0, 90.0, 4), False)
+    same, values = towards_pith(grid, np.ones(grid.shape))
+    assert same is grid
+    npt.assert_array_equal(values, 1.0)

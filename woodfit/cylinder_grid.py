@@ -66,6 +66,22 @@ def refine(coarse: CylinderGrid, values: npt.NDArray[Any], fine: CylinderGrid) -
     return at_nodes.reshape(fine.shape)
 
 
+def towards_pith(grid: CylinderGrid, values: npt.NDArray[Any]) -> tuple[CylinderGrid, npt.NDArray[np.float32]]:
+    """Grid and displacement carried on to the pith, where there is none: in proportion to the radius.
+
+    So eccentric and oval growth goes on, and no disc of one age is left about the pith. A grid that begins farther out
+    than it is wide stays as it is: its pith is far from the wood that was seen.
+    """
+    step = grid.steps[0]
+    more = int(grid.radius[0] / step)
+    if more == 0 or more > len(grid.radius):
+        return grid, np.asarray(values, np.float32)
+    inner = grid.radius[0] - step * np.arange(more, 0, -1)
+    share = (inner / grid.radius[0])[:, None, None]
+    wider = CylinderGrid(np.concatenate([inner, grid.radius]), grid.azimuth, grid.height, grid.wraps)
+    return wider, np.concatenate([share * values[:1], values]).astype(np.float32)
+
+
 def cylindrical(
     points: npt.NDArray[Any], board_to_tree: npt.NDArray[Any], stem: npt.ArrayLike = (0.0, 0.0, 0.0)
 ) -> tuple[Floats, Floats, Floats]:
