@@ -71,7 +71,7 @@ class InitialDistortionParams(Params):
         RING_WIDTH,
     ),
     provides=(DISPLACEMENT, AZIMUTH_WRAPS),
-    version=4,
+    version=5,
     params=InitialDistortionParams,
     sees_block=True,
 )

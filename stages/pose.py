@@ -110,7 +110,7 @@ class PoseParams(Params):
         POSE_UNDETERMINED,
         STEM,
     ),
-    version=3,
+    version=4,
     params=PoseParams,
     sees_block=True,
 )

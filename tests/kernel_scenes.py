@@ -10,6 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from woodfit.curved_gabor import GaborField, Region, curved_gabor
+from woodfit.streamlines import FloatArray
+from woodfit.structure_tensor import orientation
+
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
@@ -69,3 +73,9 @@ def wrapped(angle: Array) -> Array:
 def correlation(a: NDArray[np.complex64], b: NDArray[np.complex64]) -> float:
     """Size of the complex correlation of two responses."""
     return float(abs(np.vdot(a, b)) / np.sqrt(np.vdot(a, a).real * np.vdot(b, b).real))
+
+
+def field_of(value: Image, scale: float) -> tuple[GaborField, FloatArray]:
+    """Answer of the curved Gabor filter for rings of about `scale` px, and the orientation it followed."""
+    angle, _ = orientation(value, wood(value.shape), 1.0, 0.5 * scale)
+    return curved_gabor(value, wood(value.shape), angle, scale, Region(40, 40, 13.0), 5.0, 60.0), angle

@@ -7,19 +7,15 @@ import numpy.testing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_scenes import Array, Image, conifer, noise, pixels, round_age, straight, wood, wrapped
+from kernel_scenes import Array, Image, conifer, field_of, noise, pixels, round_age, straight, wood, wrapped
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from woodfit import rings
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
-from woodfit.curved_gabor import GaborField, Region, curved_gabor
-from woodfit.growth import Growth, find_growth, outward_flux
 from woodfit.matching import line_crossings
 from woodfit.ring_order import order_rings
 from woodfit.rings import Rings, find_rings
-from woodfit.streamlines import FloatArray
-from woodfit.structure_tensor import orientation
 from woodfit.synthetic_scenes import scene
 from woodfit.tracing import Trace, trace_rings
 
@@ -354,82 +350,6 @@ def test_rings_are_numbered_through_the_pith() -> None:
 def test_nothing_and_a_single_ring_are_ordered_too() -> None:
     assert order_of([]) == ([], [])
     assert order_of(parallel_lines([3])) == ([1], [0])
-
-
-# --- growth -------------------------------------------------------------------------------------------------
-def field_of(value: Image, scale: float) -> tuple[GaborField, FloatArray]:
-    angle, _ = orientation(value, wood(value.shape), 1.0, 0.5 * scale)
-    return curved_gabor(value, wood(value.shape), angle, scale, Region(40, 40, 13.0), 5.0, 60.0), angle
-
-
-def growth_of(value: Image, scale: float, bright_outwards: bool | None = None) -> Growth:
-    field, _ = field_of(value, scale)
-    return find_growth(
-        field.normal, field.asymmetry, field.explained, wood(value.shape), scale, bright_outwards=bright_outwards
-    )
-
-
-@pytest.mark.parametrize("polarity", [1.0, -1.0])
-@pytest.mark.parametrize("center", [(110.0, 90.0), (-40.0, 100.0), (100.0, -120.0)])
-def test_growth_points_away_from_the_pith_for_both_kinds_of_wood(polarity: float, center: tuple[float, float]) -> None:
-    shape = (200, 220)
-    age, outwards = round_age(shape, center, 14.0)
-    growth = growth_of(conifer(polarity * age) + noise(shape, 0.02), 14.0)
-    assert growth.bright_outwards == (polarity > 0)
-    right = np.cos(growth.direction - outwards) > 0.7
-    assert right[age > 2].mean() > 0.98
-    assert growth.flux > 0.0
-    assert 0.5 <= growth.sureness <= 1.0
-
-
-def test_straight_rings_grow_as_those_of_conifers_unless_told_otherwise() -> None:
-    shape = (160, 180)
-    value = conifer(straight(shape, 14.0, 0.3)) + noise(shape, 0.02)
-    upwards = 0.3 + np.pi / 2
-    assert (np.cos(growth_of(value, 14.0).direction - upwards) > 0.9).mean() > 0.98
-    told = growth_of(value, 14.0, bright_outwards=False)
-    assert (np.cos(told.direction - upwards) < -0.9).mean() > 0.98
-    assert told.sureness == 1.0
-    assert not told.bright_outwards
-
-
-def test_both_sides_of_a_flat_sawn_board_grow_away_from_its_middle() -> None:
-    shape = (200, 240)
-    x, _ = pixels(shape)
-    distance = np.hypot(x - 110.0, 40.0)
-    growth = growth_of(conifer(distance / 13.0) + noise(shape, 0.02), 13.0)
-    side = np.abs(x - 110) > 40
-    assert (np.sign(np.cos(growth.direction)) == np.sign(x - 110))[side].mean() > 0.98
-    assert growth.bright_outwards
-
-
-def test_flux_is_the_sign_of_the_spread() -> None:
-    shape = (160, 160)
-    _, outwards = round_age(shape, (80.0, 80.0), 10.0)
-    assert outward_flux(outwards, np.ones(shape), 10.0) > 0.5
-    assert outward_flux(outwards + np.pi, np.ones(shape), 10.0) < -0.5
-    assert abs(outward_flux(np.full(shape, 0.4), np.ones(shape), 10.0)) < 1e-5
-
-
-@pytest.mark.parametrize("polarity", [1.0, -1.0])
-@pytest.mark.parametrize("pith", [(110.0, 90.0), (20.0, 150.0)])
-def test_growth_is_away_from_a_pith_that_is_seen(polarity: float, pith: tuple[float, float]) -> None:
-    shape = (180, 200)
-    age, outwards = round_age(shape, pith, 14.0)
-    value = conifer(polarity * age) + noise(shape, 0.02)
-    field, _ = field_of(value, 14.0)
-    fields = (field.normal, field.asymmetry, field.explained, wood(shape), 14.0)
-    growth = find_growth(*fields, pith=pith)
-    assert (np.cos(growth.direction - outwards) > -1e-5)[age > 0.1].all()
-    assert (np.cos(growth.direction - outwards) > 0.9)[age > 2].mean() > 0.99
-    # Only the kind of wood is open then.
-    assert growth.bright_outwards == (polarity > 0)
-    assert growth.sureness > 0.9
-    assert growth.flux > 0.3
-    told = find_growth(*fields, bright_outwards=polarity < 0, pith=pith)
-    assert told.bright_outwards == (polarity < 0)
-    npt.assert_array_equal(told.direction, growth.direction)
-    assert told.sureness == 1.0
 
 
 # --- all together -------------------------------------------------------------------------------------------

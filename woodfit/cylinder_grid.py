@@ -73,13 +73,19 @@ def towards_pith(grid: CylinderGrid, values: npt.NDArray[Any]) -> tuple[Cylinder
     than it is wide stays as it is: its pith is far from the wood that was seen.
     """
     step = grid.steps[0]
-    more = int(grid.radius[0] / step)
-    if more == 0 or more > len(grid.radius):
+    more = _nodes_to_pith(float(grid.radius[0]), step, len(grid.radius))
+    if more == 0:
         return grid, np.asarray(values, np.float32)
     inner = grid.radius[0] - step * np.arange(more, 0, -1)
     share = (inner / grid.radius[0])[:, None, None]
     wider = CylinderGrid(np.concatenate([inner, grid.radius]), grid.azimuth, grid.height, grid.wraps)
     return wider, np.concatenate([share * values[:1], values]).astype(np.float32)
+
+
+def _nodes_to_pith(innermost: float, step: float, count: int) -> int:
+    """Number of radii that lie `step` apart inside of the innermost one, 0 where there would be more than `count`."""
+    more = int(innermost / step)
+    return more if more <= count else 0
 
 
 def cylindrical(
@@ -139,7 +145,9 @@ def grid_for(
         nr = max(2, math.ceil((high_r - low_r) / spacing_px) + 1)
         na = max(2 if not wraps else 8, math.ceil(arc / (wider * spacing_px)) + 1)
         nh = max(2, math.ceil((high_h - low_h) / (wider * spacing_px)) + 1)
-        if nr * na * nh <= most_nodes:
+        # Those that `towards_pith` will add count too.
+        inside = _nodes_to_pith(low_r, max((high_r - low_r) / (nr - 1), 1e-3), nr)
+        if (nr + inside) * na * nh <= most_nodes:
             break
         spacing_px *= 1.08
     if wraps:

@@ -33,6 +33,18 @@ WANDER = 0.055
 #: Cosine of the angle between two stems from which on growth is looked at anew along the other.
 SAME_STEM = 0.985
 
+#: Sizes of distortion that are tried, in usual ones, and by how much less exact tracing may be against it than usual.
+ROUNDNESS, EXACTNESS = (1.0, 0.5, 0.25, 0.125, 0.06, 0.03), (1.0, 2.0, 4.0, 8.0)
+
+#: Size of distortion up to which a tree is so much rounder than usual that its own growth is used.
+MUCH_ROUNDER = 0.26
+
+#: How often outliers and growth are found in turn.
+ROUNDS = 3
+
+#: Share of the stem's direction in the face from which on it runs along it; depths tried then, in sizes of the face.
+ALONG_FACE, DEPTHS = 0.8, (0.07, 0.2, 0.5)
+
 
 @dataclass(frozen=True)
 class Pith:
@@ -143,10 +155,14 @@ def fit_pith(
     few, many = rings.thinned(FEW_VERTICES), rings.thinned(VERTICES)
 
     def cost_of(
-        part: RingPoints, growth: Growth, doubt: FloatArray | None = None, stem: FloatArray | None = None
+        part: RingPoints,
+        growth: Growth,
+        doubt: FloatArray | None = None,
+        stem: FloatArray | None = None,
+        roughness: FloatArray | None = None,
     ) -> Cost:
         # Doubt is told per polyline; a thinned set may lack the last ones.
-        evidence = Evidence(part, spacing, growth, doubt, fixed.width_px, stem)
+        evidence = Evidence(part, spacing, growth, doubt, fixed.width_px, stem, roughness)
         return Cost(evidence, size_px, centre, along_face, known, fibers or FiberSight.nothing())
 
     loose = cost_of(few, Growth(strength=0.3, tracing=0.2, piece=0.1))
@@ -160,9 +176,9 @@ def fit_pith(
     found = [descend(first, origin[i], direction[i], 2, 15) for i in distinct(loose, value, origin, direction, 8, 30.0)]
     best = min(found, key=lambda line: line[0])
     # From here on growth changes slowly along the stem, which is known well enough by now.
-    cost, modes = _along(best[2], found, cost_of, many)
+    cost, modes = _along(best, found, cost_of, few, many)
     if abs(float(modes[0][2] @ best[2])) < SAME_STEM:
-        cost, modes = _along(modes[0][2], modes, cost_of, many)
+        cost, modes = _along(modes[0], modes, cost_of, few, many)
     steps = explore(cost, modes, np.random.default_rng(seed))
     (energy, point, along), spread = middle(cost, modes[0], steps, mirrors)
     # A tree that strays farther from round than usual leaves its pith less sure (reduced chi-square).
@@ -191,21 +207,59 @@ def _wandering(
 
 
 def _along(
-    stem: FloatArray, found: list[Line], cost_of: Callable[..., Cost], rings: RingPoints
+    best: Line, found: list[Line], cost_of: Callable[..., Cost], few: RingPoints, many: RingPoints
 ) -> tuple[Cost, list[Line]]:
-    """Cost with growth that changes slowly along `stem`, doubtful polylines discounted, and its likeliest lines."""
-    best = min(found, key=lambda line: line[0])
-    full = cost_of(rings, Growth(), stem=stem)
-    doubt = full.evidence.doubtful(best[1], best[2])
-    cost = cost_of(rings, Growth(), doubt, stem) if doubt.any() else full
+    """Cost with growth as it shows about the best line, changing slowly along it, and its likeliest lines.
+
+    Polylines that seem misnumbered are discounted, and on a tree rounder than usual vertices that stick out.
+    """
+    _, point, stem = best
+    growth = _shown_growth(best, cost_of, few)
+    cost = cost_of(many, growth, stem=stem)
+    doubt = cost.evidence.doubtful(point, stem)
+    if doubt.any():
+        cost = cost_of(many, growth, doubt, stem)
+    if growth != Growth():
+        for _ in range(ROUNDS):
+            cost = cost_of(many, growth, doubt, stem, cost.evidence.rougher(point, stem))
+        cost.evidence.calibrate(point, stem)
     return cost, _modes(cost, found)
+
+
+def _shown_growth(best: Line, cost_of: Callable[..., Cost], rings: RingPoints) -> Growth:
+    """Growth under which the vertices surprise least about the best line, where much rounder than usual; else usual."""
+    _, point, stem = best
+    usual = Growth()
+    doubt = cost_of(rings, usual, stem=stem).evidence.doubtful(point, stem)
+    # Tracing is never taken for more exact against the distortion than usual: what the distortion's model does not
+    # foresee would then pass for a tilt of the pith.
+    tried = [usual.scaled(size, size * exactness) for size in ROUNDNESS for exactness in EXACTNESS]
+    roughness = None
+    for _ in range(ROUNDS):
+        tries = [cost_of(rings, growth, doubt, stem, roughness).evidence for growth in tried]
+        least = min(tries, key=lambda evidence: evidence.surprise(point, stem))
+        roughness = least.rougher(point, stem)
+    return least.growth if least.growth.strength <= MUCH_ROUNDER * usual.strength else usual
 
 
 def _modes(cost: Cost, found: list[Line]) -> list[Line]:
     """Distinct likeliest lines on the full set of vertices, the best first."""
     value, origin, direction = (np.array([line[i] for line in found]) for i in range(3))
     again = [descend(cost, origin[i], direction[i]) for i in distinct(cost, value, origin, direction, 3, 8.0)]
-    return sorted(again, key=lambda line: line[0])
+    _, point, stem = min(again, key=lambda line: line[0])
+    again += [descend(cost, *start) for start in _other_depths(cost, point, stem)]
+    value, origin, direction = (np.array([line[i] for line in again]) for i in range(3))
+    return [again[i] for i in distinct(cost, value, origin, direction, 4, 12.0)]
+
+
+def _other_depths(cost: Cost, point: FloatArray, stem: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    """Lines parallel to the face under a line along it, at other depths, which rings on a board hardly tell apart."""
+    flat = math.hypot(stem[0], stem[1])
+    if flat < ALONG_FACE:
+        return []
+    side = math.copysign(cost.size_px, point[2] - cost.centre[2])
+    parallel = np.array([stem[0], stem[1], 0.0]) / flat
+    return [(np.array([point[0], point[1], cost.centre[2] + share * side]), parallel) for share in DEPTHS]
 
 
 def board_to_tree(pith: Pith, centre: FloatArray) -> FloatArray:

@@ -10,11 +10,12 @@ which follow from their radii, vary from year to year about a level that changes
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
 
 from woodfit.inner_rings import age_trend
 from woodfit.pith_energy import RingPoints, frames_of
@@ -29,14 +30,23 @@ ECCENTRIC, OVAL, TAPER = 0.04, 0.02, 0.002
 #: until its shape no longer counts as a share of the radius (far from the pith that would explain any rings).
 CHANGE_RINGS, SHAPED_RINGS = 30.0, 12.0
 
-#: Log width of a ring: share kept from the year before, scatter about that, scatter about the level.
-MEMORY, YEAR_SCATTER, LEVEL_SCATTER = 0.5, 0.25, 0.35
+#: Log width of a ring: scatter from year to year and of the level, and the share of each kept from the year before.
+YEAR_SCATTER, YEAR_MEMORY, LEVEL_SCATTER, LEVEL_MEMORY = 0.25, 0.5, 0.2, 0.97
+
+#: Scatters from year to year that are tried, in usual ones, and the scatter of their logarithm.
+EVENNESS, EVEN_SCATTER = (0.125, 0.25, 0.5, 1.0, 1.5), 1.0
+
+#: Widths below this share of the mean count as this: lines nearer to one another may be grain.
+LEAST_SHARE = 0.25
 
 #: How many degrees of freedom the usual strength of distortion is worth against the one that the rings show.
 USUAL_STRENGTH = 40.0
 
 #: How much of the usual age trend of widths to expect.
 TREND = 0.7
+
+#: Vertices that all others contradict by more standard deviations than this are traced the less exactly.
+OUTLIER = 2.0
 
 #: Rings of an old tree, and the scatter of the log of the age beyond.
 OLD_RINGS, OLD_SCATTER = 80.0, 0.7
@@ -64,6 +74,12 @@ class Growth:
     tracing: float = 0.1
     piece: float = 0.05
 
+    def scaled(self, strength: float, tracing: float) -> Growth:
+        """As uneven and as inexactly traced as so many times this."""
+        return replace(
+            self, strength=self.strength * strength, tracing=self.tracing * tracing, piece=self.piece * tracing
+        )
+
 
 class Evidence:
     """Negative log-probability of pith lines, up to a constant.
@@ -82,6 +98,8 @@ class Evidence:
         Mean ring width, where a person knows it.
     stem : array of shape (3,), optional
         About where the stem runs (unit vector), along which growth changes slowly; without it all ways are alike.
+    roughness : array of shape (K,), optional
+        Variance of tracing of each vertex, in usual ones (`rougher`).
     """
 
     def __init__(
@@ -92,8 +110,10 @@ class Evidence:
         doubt: FloatArray | None = None,
         width_px: float | None = None,
         stem: FloatArray | None = None,
+        roughness: FloatArray | None = None,
     ) -> None:
         self.rings, self.spacing_px, self.growth, self.width_px = rings, spacing_px, growth, width_px
+        self.roughness = np.ones(len(rings.points)) if roughness is None else roughness
         self.stem = stem
         present, ring = np.unique(rings.ring, return_inverse=True)
         self.ring, index, group = ring.ravel(), rings.index[present], rings.group[present]
@@ -102,6 +122,8 @@ class Evidence:
         factor = cho_factor(total, lower=True)
         left = cho_solve(factor, members)
         information = members.T @ left
+        #: Half the log-determinant of the vertices' covariance, those of the boundaries' radii integrated out.
+        self.volume = float(np.log(np.diag(factor[0])).sum() + 0.5 * np.linalg.slogdet(information)[1])
         between = np.linalg.inv(information)
         #: Radii of the boundaries from radii of the vertices, shape (R, K).
         self.mean_of = between @ left.T
@@ -109,16 +131,29 @@ class Evidence:
         self.precision = cho_solve(factor, np.eye(len(total))) - left @ self.mean_of
         #: How much of a degree of freedom of each vertex the distortion decides, not tracing or its boundary's radius.
         self.distorted = np.maximum(1.0 - noise * np.diag(self.precision) - (members * self.mean_of.T).sum(axis=1), 0.0)
+        #: Degrees of freedom that the misfit is judged by.
+        self.freedom = float(self.distorted.sum())
         order = np.lexsort((index, group))
         inner, outer = order[:-1], order[1:]
         same = group[inner] == group[outer]
         self.inner, self.outer = inner[same], outer[same]
         self.apart = (index[self.outer] - index[self.inner]).astype(float)
-        #: Whether a width follows on the one before it in the list.
-        self.follows = self.inner[1:] == self.outer[:-1]
         self.width_variance = (
             between[self.inner, self.inner] + between[self.outer, self.outer] - 2.0 * between[self.inner, self.outer]
         ) / self.apart**2
+        # Years of different groups have nothing in common.
+        years = 0.5 * (index[self.outer] + index[self.inner]) + 1e4 * group[self.inner]
+        self.whitened = [self._whitening(years, even * YEAR_SCATTER) for even in EVENNESS]
+
+    def _whitening(self, years: FloatArray, scatter: float) -> tuple[FloatArray, float]:
+        """What makes log widths of `years` (W,) independent with variance 1, (W, W), and half its log-determinant."""
+        gap = np.abs(years[:, None] - years[None])
+        # The mean width is not known.
+        total = 1.0 + LEVEL_SCATTER**2 * LEVEL_MEMORY**gap
+        total += scatter**2 * YEAR_MEMORY**gap / np.sqrt(np.outer(self.apart, self.apart))
+        total[np.diag_indices(len(total))] += self.width_variance
+        lower = np.linalg.cholesky(total)
+        return np.linalg.inv(lower), float(np.log(np.diag(lower)).sum())
 
     def _covariance(self, doubt: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Covariance (K, K) of the vertices' radii in ring widths, and the part (K,) that is tracing."""
@@ -133,7 +168,7 @@ class Evidence:
             total += growth.strength**2 / len(growth.reach) * (1.0 + u + u * u / 3.0) * np.exp(-u)
         whole = growth.piece**2 + doubt**2
         total += np.where(pieces[:, None] == pieces[None], whole[pieces][:, None], 0.0)
-        noise = growth.tracing**2 / np.clip(self.rings.beliefs, 0.05, 1.0)
+        noise = growth.tracing**2 * self.roughness / np.clip(self.rings.beliefs, 0.05, 1.0)
         total[np.diag_indices(len(total))] += noise
         return total, noise
 
@@ -210,14 +245,36 @@ class Evidence:
         return self._misfit_cost(misfit) + self._cost(r, away)
 
     def unevenness(self, origin: FloatArray, direction: FloatArray) -> float:
-        """Squared misfit about one line, shape (3,) both, over its degrees of freedom: 1 for usual growth."""
+        """Squared misfit about one line, shape (3,) both, over its degrees of freedom: 1 for growth as expected."""
         misfit = self.rounded(origin[None], direction[None])[3]
-        return float(misfit[0] / max(float(self.distorted.sum()), 1.0))
+        return float(misfit[0] / max(self.freedom, 1.0))
+
+    def surprise(self, origin: FloatArray, direction: FloatArray) -> float:
+        """Negative log-probability of the vertices about one line, shape (3,) both: least for growth as it was."""
+        left, away, _, misfit, volume = self.rounded(origin[None], direction[None])
+        stretch = self._stretch(away, self.typical(left @ self.mean_of.T))
+        return float(0.5 * (misfit + volume)[0] + stretch[0]) + self.volume
+
+    def rougher(self, origin: FloatArray, direction: FloatArray) -> FloatArray:
+        """Variance of tracing (K,), in usual ones, by which no vertex is an outlier about one line, shape (3,) both."""
+        left, _, width, _, _ = self.rounded(origin[None], direction[None])
+        # How far each vertex lies from where all others put it, over the standard deviation of that.
+        off = (self.precision @ (left[0] / width[0])) ** 2 / np.maximum(np.diag(self.precision), 1e-12)
+        return np.asarray(self.roughness * np.maximum(1.0, off / OUTLIER**2))
+
+    def calibrate(self, origin: FloatArray, direction: FloatArray) -> None:
+        """Judge misfits by what is left about one line, shape (3,) both.
+
+        Where vertices are traced as exactly as assumed, errors of tracing count too. Their number of degrees of freedom
+        is not taken at its word, since neighbours share errors: the geometric mean with that of the distortion is.
+        """
+        misfit = float(self.rounded(origin[None], direction[None])[3][0])
+        most = max(self.freedom, float(len(self.ring) - len(self.mean_of)))
+        self.freedom = math.sqrt(self.freedom * min(max(misfit, self.freedom), most))
 
     def _misfit_cost(self, misfit: FloatArray) -> FloatArray:
         """Cost (L,) of squared misfits (L,): how strongly this tree strays from round is not known beforehand."""
-        freedom = float(self.distorted.sum()) + USUAL_STRENGTH
-        return np.asarray(0.5 * freedom * np.log1p(np.maximum(misfit, 0.0) / USUAL_STRENGTH))
+        return np.asarray(0.5 * (self.freedom + USUAL_STRENGTH) * np.log1p(np.maximum(misfit, 0.0) / USUAL_STRENGTH))
 
     def _cost(self, r: FloatArray, away: FloatArray) -> FloatArray:
         """What widths, age and the slope of the radius on the face cost (L,)."""
@@ -226,30 +283,31 @@ class Evidence:
         age = np.maximum(np.abs(radius).min(axis=1) / width, 1.0)
         old = 0.5 * (np.maximum(np.log(age / OLD_RINGS), 0.0) / OLD_SCATTER) ** 2
         known = 0.0 if self.width_px is None else 0.5 * (np.log(width / self.width_px) / 0.02) ** 2
-        # Density on the face: a distortion of one size moves boundaries far where the radius hardly changes.
+        return np.asarray(old + known + self._stretch(away, width) + self._widths(radius, width))
+
+    def _stretch(self, away: FloatArray, width: FloatArray) -> FloatArray:
+        """Density on the face (L,): a distortion of one size moves boundaries far where the radius hardly changes."""
         square = (away * away).sum(axis=-1)
         slope = 1.0 - np.einsum("lkc,kc->lk", away, self.rings.facings) ** 2 / np.maximum(square, 1e-9)
         slope = np.sqrt(np.maximum(slope, 0.0)) * (self.spacing_px / width[:, None])
-        stretch = -np.log(slope + 0.03) @ self.distorted
-        return np.asarray(old + known + stretch + self._widths(radius, width))
+        return np.asarray(-np.log(slope + 0.03) @ self.distorted)
 
     def _widths(self, radius: FloatArray, width: FloatArray) -> FloatArray:
         """Cost (L,) of uneven widths between boundaries of radii (L, R)."""
         if len(self.inner) == 0:
             return np.zeros(len(radius))
         share = (radius[:, self.outer] - radius[:, self.inner]) / self.apart / width[:, None]
-        logs = np.log(np.maximum(share, 0.05))
+        logs = np.log(np.maximum(share, LEAST_SHARE))
         year = 0.5 * np.abs(radius[:, self.outer] + radius[:, self.inner]) / width[:, None]
         logs = logs - TREND * age_trend(year)
-        away = logs - np.median(logs, axis=1, keepdims=True)
-        known = self.width_variance / np.maximum(share, 0.3) ** 2
-        step = away[:, 1:] - np.where(self.follows, MEMORY * away[:, :-1], 0.0)
-        scatter = np.where(self.follows, YEAR_SCATTER, LEVEL_SCATTER) ** 2 / np.sqrt(self.apart[1:])
-        first = away[:, :1] ** 2 / (LEVEL_SCATTER**2 + known[:, :1])
-        square = np.concatenate([first, step**2 / (scatter + known[:, 1:])], axis=1)
-        # Student's t with four degrees of freedom: a boundary that was missed doubles a width.
+        # How even this tree's widths are is not known beforehand.
+        costs = []
+        for even, (whiten, volume) in zip(EVENNESS, self.whitened, strict=True):
+            # Student's t with four degrees of freedom: a boundary that was missed doubles a width.
+            uneven = 2.5 * np.log1p((logs @ whiten.T) ** 2 / 4.0).sum(axis=1)
+            costs.append(uneven + volume + 0.5 * (math.log(even) / EVEN_SCATTER) ** 2)
         backwards = (np.minimum(share - 0.05, 0.0) ** 2).sum(axis=1)
-        return np.asarray(2.5 * np.log1p(square / 4.0).sum(axis=1) + 10.0 * backwards)
+        return np.asarray(10.0 * backwards - logsumexp(-np.array(costs), axis=0))
 
     def doubtful(self, origin: FloatArray, direction: FloatArray) -> FloatArray:
         """How far each polyline (P,) lies off its boundary, in ring widths; 0 where that may be chance."""
