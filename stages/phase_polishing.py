@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 from pydantic import Field, PositiveFloat, PositiveInt
 
 from stages.polylines import believed_weights, face_frame, phase_signs, vertex_ages
-from stages.stage import Params, stage
+from stages.stage import Params, scalar, stage
 from stages.variables import (
     ANOMALY,
     AZIMUTH_WRAPS,
@@ -27,12 +30,22 @@ from stages.variables import (
     RING_INDEX,
     RING_PHASE,
     RING_RADIUS,
+    RING_SCALE,
     RING_X,
     RING_Y,
     STEM,
     VERTEX_CONFIDENCE,
     VERTEX_COUNT,
 )
+
+if TYPE_CHECKING:
+    from woodfit.face import FaceFrame
+    from woodfit.phase_slopes import Slopes
+
+Array = npt.NDArray[Any]
+
+#: Part of a ring over which a slope of the phase is taken.
+SLOPE_RINGS = 0.2
 
 
 class PhasePolishingParams(Params):
@@ -57,6 +70,7 @@ class PhasePolishingParams(Params):
         FACE_TOP,
         ANOMALY,
         RING_PHASE,
+        RING_SCALE,
         PHASE_CONFIDENCE,
         RING_X,
         RING_Y,
@@ -74,13 +88,13 @@ class PhasePolishingParams(Params):
         AZIMUTH_WRAPS,
     ),
     provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
-    version=3,
+    version=4,
     params=PhasePolishingParams,
     sees_block=True,
 )
 def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
     """Minimise the cyclic phase difference between the face and the model over the displacement."""
-    from woodfit import cylinder_grid, displacement
+    from woodfit import cylinder_grid, displacement, phase_slopes
     from woodfit.anomalies import SOUND, STAIN
     from woodfit.face import stride_for
     from woodfit.rings import wrap
@@ -106,9 +120,17 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         vertex_ages(ds),
         believed_weights(ds),
     )
+    first = start.values
+    # The faces of a block hold one another's count, which slopes along each of them would let drift.
+    if ds.sizes["face"] == 1:
+        slopes = [
+            _slopes(frame, x, y, phase, belief, scalar(ds, RING_SCALE), params.most_pixels // 4, axis)
+            for axis in (0, 1)
+        ]
+        first = phase_slopes.follow_slopes(grid, first, slopes, vertices, table, params.along_stem)
     polished = displacement.polish(
         grid,
-        start.values,
+        first,
         pixels,
         vertices,
         table,
@@ -133,3 +155,34 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         coords={name: ds.coords[name] for name in ("y", "x", "radius", "azimuth", "height")},
         attrs={"figures": figures},
     )
+
+
+def _slopes(
+    frame: FaceFrame,
+    x: Array,
+    y: Array,
+    phase: Array,
+    belief: Array,
+    ring_px: float,
+    most: int,
+    axis: int,
+) -> Slopes:
+    """Phase differences over a part of a ring along one image axis, wherever both ends are believed."""
+    from woodfit.face import stride_for
+    from woodfit.phase_slopes import Slopes
+    from woodfit.rings import wrap
+
+    step = max(1, round(SLOPE_RINGS * ring_px / abs(float(x[1] - x[0])))) if len(x) > 1 else 1
+    every = stride_for(phase.size, most)
+    rows, columns = np.meshgrid(np.arange(0, len(y), every), np.arange(0, len(x), every), indexing="ij")
+    far_rows, far_columns = (rows + step, columns) if axis == 0 else (rows, columns + step)
+    inside = (far_rows < len(y)) & (far_columns < len(x))
+    near, far = (rows[inside], columns[inside]), (far_rows[inside], far_columns[inside])
+    sure = np.minimum(belief[near], belief[far])
+    seen = sure > 0.0
+    near, far = ((where[0][seen], where[1][seen]) for where in (near, far))
+    turn = wrap(phase[far] - phase[near]) / (2.0 * np.pi)
+    # A slope is the pair's difference over the part of a ring between: weighed by the face that the pair stands for.
+    weight = sure[seen] ** 2 * (0.5 * every / SLOPE_RINGS) ** 2
+    ahead, behind = (frame.observe(x[where[1]], y[where[0]], turn, weight) for where in (far, near))
+    return Slopes(ahead, behind, turn)

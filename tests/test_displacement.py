@@ -14,10 +14,10 @@ from kernel_scenes import Array, wrapped
 
 from woodfit.cylinder_grid import CylinderGrid, grid_for, refine, sample
 from woodfit.displacement import (
+    Interpolation,
+    Membrane,
     Observations,
     Polished,
-    _Interpolation,
-    _Membrane,
     age_of_radius,
     cyclic_loss,
     initial_displacement,
@@ -46,7 +46,7 @@ def random_places(grid: CylinderGrid, count: int = 300) -> Observations:
 
 @both
 def test_the_membrane_is_self_adjoint_and_never_gains_energy(grid: CylinderGrid) -> None:
-    membrane, x, y = _Membrane(grid, 2.0), random_field(grid, 1), random_field(grid, 2)
+    membrane, x, y = Membrane(grid, 2.0), random_field(grid, 1), random_field(grid, 2)
     left, right = torch.dot(membrane.gradient(x), y), torch.dot(x, membrane.gradient(y))
     npt.assert_allclose(left, right, rtol=1e-4, atol=1e-4 * float(torch.dot(membrane.gradient(x), x)))
     assert float(torch.dot(membrane.gradient(x), x)) > 0.0
@@ -76,7 +76,7 @@ def slope_energy(grid: CylinderGrid, along_stem: float, flat: torch.Tensor) -> f
 
 @both
 def test_the_membrane_gradient_is_the_gradient_of_its_energy(grid: CylinderGrid) -> None:
-    membrane, field = _Membrane(grid, 2.0), random_field(grid, 3)
+    membrane, field = Membrane(grid, 2.0), random_field(grid, 3)
     gradient = membrane.gradient(field)
     assert 0.5 * float(torch.dot(gradient, field)) == pytest.approx(slope_energy(grid, 2.0, field), rel=1e-4)
     for seed in (4, 5, 6):
@@ -91,7 +91,7 @@ def test_the_membrane_measures_slopes_in_the_tree() -> None:
     grid = CylinderGrid(r, a, h, wraps=False)
     x = r[:, None] * np.cos(a)[None, :]
     field = torch.from_numpy(np.repeat((0.3 * x)[..., None], len(h), axis=2).astype(np.float32).ravel())
-    energy = 0.5 * float(torch.dot(_Membrane(grid, 2.0).gradient(field), field))
+    energy = 0.5 * float(torch.dot(Membrane(grid, 2.0).gradient(field), field))
     # A plane of slope 0.3 over the volume; the grid's outer cells count a half more than they hold.
     volume = 0.5 * (200.0**2 - 40.0**2) * 1.0 * 150.0
     assert energy == pytest.approx(0.5 * 0.3**2 * volume, rel=0.05)
@@ -99,7 +99,7 @@ def test_the_membrane_measures_slopes_in_the_tree() -> None:
 
 @both
 def test_the_diagonal_bounds_that_of_the_membrane(grid: CylinderGrid) -> None:
-    membrane = _Membrane(grid, 2.0)
+    membrane = Membrane(grid, 2.0)
     size = int(np.prod(grid.shape))
     units = torch.eye(size)[:: size // 40]
     true = torch.stack([torch.dot(membrane.gradient(unit), unit) for unit in units])
@@ -111,7 +111,7 @@ def test_the_diagonal_bounds_that_of_the_membrane(grid: CylinderGrid) -> None:
 @both
 def test_back_is_the_transpose_of_at(grid: CylinderGrid) -> None:
     places = random_places(grid)
-    matrix, field = _Interpolation(grid, places), random_field(grid, 7)
+    matrix, field = Interpolation(grid, places), random_field(grid, 7)
     values = torch.from_numpy(np.random.default_rng(8).normal(size=len(places.radius)).astype(np.float32))
     left, right = torch.dot(matrix.at(field), values), torch.dot(field, matrix.back(values))
     npt.assert_allclose(left, right, rtol=1e-4, atol=1e-3)
@@ -121,7 +121,7 @@ def test_back_is_the_transpose_of_at(grid: CylinderGrid) -> None:
 def test_at_equals_sample(grid: CylinderGrid) -> None:
     places, field = random_places(grid), random_field(grid, 9)
     value, _, _ = sample(grid, field.numpy().reshape(grid.shape), places.radius, places.azimuth, places.height)
-    npt.assert_allclose(_Interpolation(grid, places).at(field), value, atol=1e-5)
+    npt.assert_allclose(Interpolation(grid, places).at(field), value, atol=1e-5)
 
 
 tables = st.lists(st.floats(0.5, 60.0), min_size=1, max_size=30).map(lambda widths: np.cumsum([0.0, *widths]))
@@ -310,7 +310,7 @@ def test_inputs_are_kept_and_the_threads_of_torch_too() -> None:
 
 @both
 def test_a_bending_membrane_is_the_gradient_of_an_energy_that_planes_do_not_escape(grid: CylinderGrid) -> None:
-    bare, stiff = _Membrane(grid, 2.0), _Membrane(grid, 2.0, bend_px=40.0)
+    bare, stiff = Membrane(grid, 2.0), Membrane(grid, 2.0, bend_px=40.0)
     x, y = random_field(grid, 1), random_field(grid, 2)
     left, right = torch.dot(stiff.gradient(x), y), torch.dot(x, stiff.gradient(y))
     npt.assert_allclose(left, right, rtol=1e-3, atol=1e-4 * float(torch.dot(stiff.gradient(x), x)))

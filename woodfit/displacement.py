@@ -49,7 +49,7 @@ class Observations:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Keep torch to one thread.
 
     The vectors are too short for more to pay, on a busy machine waiting threads are a hundred times slower, and sums
@@ -63,7 +63,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-class _Interpolation:
+class Interpolation:
     """Trilinear interpolation as a sparse matrix and its transpose."""
 
     def __init__(self, grid: CylinderGrid, places: Observations) -> None:
@@ -75,13 +75,34 @@ class _Interpolation:
         self.backward = self.forward.T.tocsr()
 
     def at(self, field: torch.Tensor) -> torch.Tensor:
+        """Value of a flat field at the places."""
         return torch.from_numpy(self.forward @ field.numpy())
 
     def back(self, values: torch.Tensor) -> torch.Tensor:
+        """Transpose of `at`."""
         return torch.from_numpy(self.backward @ values.numpy())
 
+    def bound(self, weight: torch.Tensor) -> torch.Tensor:
+        """Bound the diagonal of A' W A from above: a safe preconditioner without squaring the matrix."""
+        # Rows are positive and sum to one.
+        return self.back(weight)
 
-class _Membrane:
+
+class Difference(Interpolation):
+    """Interpolated value at one set of places less that at another."""
+
+    def __init__(self, ahead: Interpolation, behind: Interpolation) -> None:
+        self.forward = (ahead.forward - behind.forward).tocsr()
+        self.backward = self.forward.T.tocsr()
+        self._sizes = abs(self.backward)
+        self._row_sums = tensor(np.asarray(abs(self.forward).sum(axis=1)).ravel())
+
+    def bound(self, weight: torch.Tensor) -> torch.Tensor:
+        """As of an interpolation; rows have both signs here."""
+        return torch.from_numpy(self._sizes @ (weight * self._row_sums).numpy())
+
+
+class Membrane:
     """Energy of a field's slopes in the metric of the tree, per unit volume.
 
     With a `bend_px` the energy of its curvature is added: slopes then go on into what was not seen and fade over
@@ -105,6 +126,7 @@ class _Membrane:
         self.inverse_volume = torch.from_numpy(each.astype(np.float32).reshape(-1).copy())
 
     def gradient(self, flat: torch.Tensor) -> torch.Tensor:
+        """Gradient of the energy, halved."""
         slopes = self._slopes(flat)
         return slopes + self.bend * self._slopes(self.inverse_volume * slopes) if self.bend else slopes
 
@@ -127,6 +149,7 @@ class _Membrane:
         return out.reshape(-1)
 
     def diagonal(self) -> torch.Tensor:
+        """Diagonal of the energy's matrix, about."""
         out = torch.zeros(self.shape)
         out[1:] += self.radial
         out[:-1] += self.radial
@@ -136,9 +159,9 @@ class _Membrane:
         return slopes + 1.25 * self.bend * slopes**2 * self.inverse_volume
 
 
-def _solve(
-    terms: Sequence[tuple[_Interpolation, torch.Tensor, torch.Tensor]],
-    membrane: _Membrane,
+def solve(
+    terms: Sequence[tuple[Interpolation, torch.Tensor, torch.Tensor]],
+    membrane: Membrane,
     stiffness: float,
     start: torch.Tensor,
     iterations: int,
@@ -157,8 +180,7 @@ def _solve(
     diagonal = stiffness * membrane.diagonal() + ridge
     for places, weight, target in terms:
         right = right + places.back(weight * target)
-        # Row sums bound the diagonal of A' W A from above: a safe preconditioner without squaring the matrix.
-        diagonal = diagonal + places.back(weight)
+        diagonal = diagonal + places.bound(weight)
     field = start.clone()
     residual = right - apply(field)
     scaled = residual / diagonal
@@ -213,7 +235,7 @@ def radius_of_age(age: Array, ring_radius: Array) -> Array:
     return np.asarray(inside + np.maximum(np.asarray(age) - (count - 1), 0.0) * last)
 
 
-@_one_thread()
+@one_thread()
 def initial_displacement(
     grid: CylinderGrid, boundaries: Observations, ring_radius: Array, stiffness_px: float, along_stem: float
 ) -> npt.NDArray[np.float32]:
@@ -243,10 +265,10 @@ def initial_displacement(
     weight = torch.from_numpy(np.asarray(boundaries.weight, np.float32))
     target = torch.from_numpy(wanted.astype(np.float32))
     coarse = grid.coarser(_COARSER)
-    bending = _Membrane(coarse, along_stem, _BEND_RINGS * stiffness_px)
+    bending = Membrane(coarse, along_stem, _BEND_RINGS * stiffness_px)
     slow = _robust_fit(coarse, boundaries, weight, target, bending, _SLACK * stiffness_px, None, 400)
     base = torch.from_numpy(refine(coarse, slow.view(coarse.shape).numpy(), grid).reshape(-1))
-    field = _robust_fit(grid, boundaries, weight, target, _Membrane(grid, along_stem), stiffness_px, base, 150)
+    field = _robust_fit(grid, boundaries, weight, target, Membrane(grid, along_stem), stiffness_px, base, 150)
     return without_fold(field.view(grid.shape).numpy(), grid.radius).astype(np.float32)
 
 
@@ -255,17 +277,17 @@ def _robust_fit(
     boundaries: Observations,
     weight: torch.Tensor,
     target: torch.Tensor,
-    membrane: _Membrane,
+    membrane: Membrane,
     stiffness_px: float,
     base: torch.Tensor | None,
     iterations: int,
 ) -> torch.Tensor:
     """Field of least misfit to the boundaries, three times reweighted."""
-    places = _Interpolation(grid, boundaries)
+    places = Interpolation(grid, boundaries)
     field = torch.zeros(int(np.prod(grid.shape))) if base is None else base
     robust = weight
     for _ in range(3):
-        field = _solve([(places, robust, target)], membrane, stiffness_px, field, iterations, base)
+        field = solve([(places, robust, target)], membrane, stiffness_px, field, iterations, base)
         miss = torch.abs(places.at(field) - target)
         # A wrongly numbered boundary must not bend its neighbours: beyond some median misses it fades.
         scale = 3.0 * float(miss.median()) + 1.0
@@ -286,7 +308,7 @@ def cyclic_loss(difference_rad: Array, weight: Array) -> float:
     return float((weight * (1.0 - np.cos(difference_rad))).sum() / max(float(weight.sum()), 1e-12))
 
 
-@_one_thread()
+@one_thread()
 def polish(
     grid: CylinderGrid,
     start: Array,
@@ -322,8 +344,8 @@ def polish(
     -------
     Polished
     """
-    membrane = _Membrane(grid, along_stem)
-    at_pixels, at_vertices = _Interpolation(grid, pixels), _Interpolation(grid, boundaries)
+    membrane = Membrane(grid, along_stem)
+    at_pixels, at_vertices = Interpolation(grid, pixels), Interpolation(grid, boundaries)
     field = base = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
     heavy = boundary_share * float(pixels.weight.sum()) / max(float(boundaries.weight.sum()), 1e-9)
     losses: list[float] = []
@@ -347,11 +369,11 @@ def polish(
         vertex_weight = heavy * boundaries.weight * (scale / vertex_width) ** 2 / (1.0 + (miss / 0.25) ** 2)
         vertex_wanted = radius_of_age(boundaries.target, ring_radius) - boundaries.radius
         terms = [
-            (at_pixels, _tensor(weight), _tensor(wanted)),
-            (at_vertices, _tensor(vertex_weight), _tensor(vertex_wanted)),
+            (at_pixels, tensor(weight), tensor(wanted)),
+            (at_vertices, tensor(vertex_weight), tensor(vertex_wanted)),
         ]
         # The start's own shape is kept where nothing is seen; only the change is kept smooth.
-        field = _solve(terms, membrane, float(stiffness), field, 60, base)
+        field = solve(terms, membrane, float(stiffness), field, 60, base)
         smooth = without_fold(field.view(grid.shape).numpy(), grid.radius)
         field = torch.from_numpy(smooth.astype(np.float32).reshape(-1))
         age, _ = age_of_radius(pixels.radius + at_pixels.at(field).numpy(), ring_radius)
@@ -359,5 +381,6 @@ def polish(
     return Polished(field.view(grid.shape).numpy().copy(), np.asarray(losses))
 
 
-def _tensor(values: Array) -> torch.Tensor:
+def tensor(values: Array) -> torch.Tensor:
+    """Values as float32."""
     return torch.from_numpy(np.ascontiguousarray(values, np.float32))
