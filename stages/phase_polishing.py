@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 
+#: Pixels are confident from here on; a 95 % residual above the second says that the count of rings is torn, rad.
+SURE, TORN_RAD = 0.5, 0.5
+
 #: Part of a ring over which a slope of the phase is taken.
 SLOPE_RINGS = 0.2
 
@@ -120,31 +123,26 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         vertex_ages(ds),
         believed_weights(ds),
     )
-    first = start.values
-    # The faces of a block hold one another's count, which slopes along each of them would let drift.
-    if ds.sizes["face"] == 1:
-        slopes = [
-            _slopes(frame, x, y, phase, belief, scalar(ds, RING_SCALE), params.most_pixels // 4, axis)
-            for axis in (0, 1)
-        ]
-        first = phase_slopes.follow_slopes(grid, first, slopes, vertices, table, params.along_stem)
-    polished = displacement.polish(
-        grid,
-        first,
-        pixels,
-        vertices,
-        table,
-        params.stiffness_px,
-        params.along_stem,
-        params.boundary_share,
-    )
+    rest = (pixels, vertices, table, params.stiffness_px, params.along_stem, params.boundary_share)
+    polished = displacement.polish(grid, start.values, *rest)
     age = frame.age(x, y, grid, polished.displacement, table)
     residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
-    sure = np.abs(residual[belief > 0.5])
+    # The faces of a block hold one another's count, which slopes along each of them would let drift.
+    if ds.sizes["face"] == 1 and _worst(residual, belief) > TORN_RAD:
+        scale, most = scalar(ds, RING_SCALE), params.most_pixels // 4
+        slopes = [_slopes(frame, x, y, phase, belief, scale, most, axis) for axis in (0, 1)]
+        followed = phase_slopes.follow_slopes(grid, start.values, slopes, vertices, table, params.along_stem)
+        again = displacement.polish(grid, followed, *rest)
+        # Where the phase itself misses rings that were traced, following it makes things worse.
+        if again.loss[-1] < polished.loss[-1]:
+            polished = again
+    age = frame.age(x, y, grid, polished.displacement, table)
+    residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
     figures = {"loss": round(float(polished.loss[-1]), 4)}
+    sure = np.abs(residual[belief > SURE])
     if sure.size:
         figures["median residual at confident pixels (rad)"] = round(float(np.median(sure)), 3)
-        figures["95 % residual at confident pixels (rad)"] = round(float(np.percentile(sure, 95)), 3)
+        figures["95 % residual at confident pixels (rad)"] = round(_worst(residual, belief), 3)
     return xr.Dataset(
         {
             POLISHED_DISPLACEMENT.name: POLISHED_DISPLACEMENT.array(polished.displacement),
@@ -155,6 +153,12 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         coords={name: ds.coords[name] for name in ("y", "x", "radius", "azimuth", "height")},
         attrs={"figures": figures},
     )
+
+
+def _worst(residual: Array, belief: Array) -> float:
+    """Residual that 95 % of the confident pixels keep to, rad; 0 without any."""
+    sure = np.abs(residual[belief > SURE])
+    return float(np.percentile(sure, 95)) if sure.size else 0.0
 
 
 def _slopes(
