@@ -17,7 +17,7 @@ import torch
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from woodfit.cylinder_grid import CylinderGrid, sample, trilinear
-from woodfit.displacement import Observations, Polished, age_of_radius
+from woodfit.displacement import Observations, Polished, age_of_radius, tensor
 
 Array = npt.NDArray[Any]
 
@@ -170,10 +170,10 @@ def fit_image(
     ImageFit
     """
     on_face = FaceField(grid, pixels.radius, pixels.azimuth, pixels.height)
-    rgb, weight = _tensor(pixels.rgb), _shares(pixels.weight)
-    first, ring = _tensor(start).reshape(-1), mean_ring_width(ring_radius)
+    rgb, weight = tensor(pixels.rgb), _shares(pixels.weight)
+    first, ring = tensor(start).reshape(-1), mean_ring_width(ring_radius)
     change = torch.zeros_like(first, requires_grad=True)
-    strip = _tensor(strip_rgb).clone().requires_grad_()
+    strip = tensor(strip_rgb).clone().requires_grad_()
 
     def loss() -> torch.Tensor:
         return image_loss(first + ring * change, strip, on_face, rgb, weight, ring_radius, samples_per_ring)
@@ -206,8 +206,8 @@ def descend_phase(
     Polished
     """
     on_face = FaceField(grid, pixels.radius, pixels.azimuth, pixels.height)
-    phase, weight = _tensor(pixels.target), _shares(pixels.weight)
-    first, ring = _tensor(start).reshape(-1), mean_ring_width(ring_radius)
+    phase, weight = tensor(pixels.target), _shares(pixels.weight)
+    first, ring = tensor(start).reshape(-1), mean_ring_width(ring_radius)
     change = torch.zeros_like(first, requires_grad=True)
 
     def loss() -> torch.Tensor:
@@ -285,11 +285,7 @@ def _descend(
     return losses
 
 
-def _tensor(values: Array) -> torch.Tensor:
-    return torch.from_numpy(np.ascontiguousarray(values, np.float32))
-
-
 def _shares(weight: Array) -> torch.Tensor:
     """Weights that add up to 1."""
     total = float(np.asarray(weight, np.float64).sum())
-    return _tensor(np.asarray(weight) / max(total, 1e-12))
+    return tensor(np.asarray(weight) / max(total, 1e-12))
