@@ -136,8 +136,8 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         # Where the phase itself misses rings that were traced, following it makes things worse.
         if again.loss[-1] < polished.loss[-1]:
             polished = again
-    age = frame.age(x, y, grid, polished.displacement, table)
-    residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
+            age = frame.age(x, y, grid, polished.displacement, table)
+            residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
     figures = {"loss": round(float(polished.loss[-1]), 4)}
     sure = np.abs(residual[belief > SURE])
     if sure.size:

@@ -1,7 +1,7 @@
 """Run by Blender's own Python: renders vertex colors of a shader or material over given points into a file.
 
-python blender_osl.py points.npy out.npy osl wood.osl
-python blender_osl.py points.npy out.npy script woodpipe_blender.py
+    python blender_osl.py points.npy out.npy osl wood.osl
+    python blender_osl.py points.npy out.npy script woodpipe_blender.py
 """
 
 import runpy

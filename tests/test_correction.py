@@ -453,7 +453,9 @@ def test_a_shifted_line_passes_through_the_point(
 
 def test_indices_follow_the_person_first_and_the_tracing_second() -> None:
     # Rings 1..6 traced, 3 in two pieces, of which the person's path meets the first; group 1 lies apart.
-    traced_order = Order(np.array([1, 2, 3, 3, 4, 5, 6, 1]), np.array([0, 0, 0, 0, 0, 0, 0, 1]), np.full(8, 0.5))
+    traced_order = Order(
+        np.array([1, 2, 3, 3, 4, 5, 6, 1]), np.array([0, 0, 0, 0, 0, 0, 0, 1]), np.full(8, 0.5)
+    )
     length = [10] * 8
     old = list(range(8))
     order, clashes = corrected_order(traced_order, old, [], length, [Tie(1, 2, 3, False, "p")], {1, 2})
@@ -502,7 +504,9 @@ def test_a_corrected_file_reruns_its_scan_only_and_a_bad_one_stops_no_other(tmp_
         pixels[0, 0] = shade
         write_image(tmp_path / f"scans/{name}.png", pixels)
     config = tmp_path / "c.yaml"
-    config.write_text("scans: scans\noutput: out\nstages:\n  ring_tracing: {corrected: 'corrections/{stem}*.pos'}\n")
+    config.write_text(
+        "scans: scans\noutput: out\nstages:\n  ring_tracing: {corrected: 'corrections/{stem}*.pos'}\n"
+    )
     chain = STAGES[: STAGES.index(ring_tracing) + 1]
     options = {"scheduler": "threads", "workers": 1}
 

@@ -149,7 +149,9 @@ overrides:
         (None, "is not a file, expected a text file"),
     ],
 )
-def test_a_file_that_cannot_be_read_is_refused_in_one_line(project: Make, content: bytes | None, expected: str) -> None:
+def test_a_file_that_cannot_be_read_is_refused_in_one_line(
+    project: Make, content: bytes | None, expected: str
+) -> None:
     config = project(scans=1, more="stages: {level: {key: '{stem}.txt'}}\n")
     bad = config.parent / "board_0.txt"
     bad.mkdir() if content is None else write(bad, content)
@@ -223,7 +225,7 @@ def test_a_bad_file_fails_its_scan_and_no_other(project: Make) -> None:
         "board_1.png": "failed",
         "board_2.png": "done",
     }
-    assert rows["board_0.png"].message.startswith(f"{binary}: a NUL character; expected text")
+    assert rows["board_0.png"].message .startswith(f"{binary}: a NUL character; expected text")
     assert rows["board_1.png"].message == "level: ValueError: board_1.txt, line 1: found 'bad'"
 
 

@@ -102,7 +102,7 @@ def _cells(
 
 
 #: How fast one area's verdict fades into its neighbours', across the rings: about one over the square of the reach in
-#: cells. Along the rings it carries five times as far.
+#: cells. Along the rings it carries some two and a half times as far.
 _FADING = 0.03
 
 

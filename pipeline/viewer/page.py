@@ -34,7 +34,9 @@ def viewer_page(texture: SolidTexture, name: str, years: Mapping[int, int] | Non
     from pipeline.context import woodpipe_version
 
     packed, extent = pack(texture), block_extent(texture)
-    finish = f"#define WP_ROUGH_EARLY {SATIN.roughness_early}\n#define WP_ROUGH_LATE {SATIN.roughness_late}\n"
+    finish = (
+        f"#define WP_ROUGH_EARLY {SATIN.roughness_early}\n#define WP_ROUGH_LATE {SATIN.roughness_late}\n"
+    )
     data = {
         "row": ROW,
         "tables": base64.b64encode(gzip.compress(packed.tables.tobytes(), 9, mtime=0)).decode("ascii"),
