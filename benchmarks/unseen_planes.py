@@ -56,6 +56,9 @@ def fitted(encoded: np.ndarray, opaque: np.ndarray) -> xr.Dataset:
     for stage in STAGES:
         if stage.name not in ("ring_series", "close_up"):
             result = stage(ds, stage.params_type())
+            if stage.name == "scan":
+                # Large scans are read on a coarser grid, which the photograph itself does not fit.
+                ds = ds.drop_dims(("y", "x"))
             ds = ds.assign(result.data_vars).assign_coords(result.coords)
         if stage.name == "phase_polishing":
             return ds

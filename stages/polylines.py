@@ -48,14 +48,6 @@ def vertex_ages(ds: xr.Dataset) -> npt.NDArray[np.float64]:
     return np.repeat(ages, ds[VERTEX_COUNT.name].values).astype(np.float64)
 
 
-def phase_signs(ds: xr.Dataset) -> npt.NDArray[np.float64]:
-    """Per row of the atlas -1 where its face was numbered inwards, so that its ring phase runs backwards; else 1."""
-    planes = planes_of(ds)
-    sign = np.repeat(ds[RING_AGE_SIGN.name].values[ds[RING_GROUP.name].values], ds[VERTEX_COUNT.name].values)
-    vote = np.bincount(planes.face_of(ds[RING_Y.name].values), sign, minlength=len(planes.top))
-    return np.where(vote < 0, -1.0, 1.0)[planes.face_of(ds.coords["y"].values)]
-
-
 def planes_of(ds: xr.Dataset) -> Planes:
     """Where the faces of a dataset lie in the board frame."""
     from woodfit.planes import Planes

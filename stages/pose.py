@@ -110,7 +110,7 @@ class PoseParams(Params):
         POSE_UNDETERMINED,
         STEM,
     ),
-    version=4,
+    version=5,
     params=PoseParams,
     sees_block=True,
 )

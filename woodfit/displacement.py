@@ -26,6 +26,10 @@ Array = npt.NDArray[Any]
 #: the coarse field is: it has too few nodes to follow more than the slow part anyway.
 _COARSER, _BEND_RINGS, _SLACK = 4, 8.0, 1e-4
 
+#: How far a counted age may miss before it fades, step by step, rings: at first all count in full, so that a start that
+#: contradicts them is left. What remains of the boundaries' weight in the first step.
+_COUNT_MISSES, _GIVING_WAY = (1e3, 1e3, 2.0, 1.0, 0.5), 1e-3
+
 
 @dataclass(frozen=True)
 class Observations:
@@ -81,25 +85,6 @@ class Interpolation:
     def back(self, values: torch.Tensor) -> torch.Tensor:
         """Transpose of `at`."""
         return torch.from_numpy(self.backward @ values.numpy())
-
-    def bound(self, weight: torch.Tensor) -> torch.Tensor:
-        """Bound the diagonal of A' W A from above: a safe preconditioner without squaring the matrix."""
-        # Rows are positive and sum to one.
-        return self.back(weight)
-
-
-class Difference(Interpolation):
-    """Interpolated value at one set of places less that at another."""
-
-    def __init__(self, ahead: Interpolation, behind: Interpolation) -> None:
-        self.forward = (ahead.forward - behind.forward).tocsr()
-        self.backward = self.forward.T.tocsr()
-        self._sizes = abs(self.backward)
-        self._row_sums = tensor(np.asarray(abs(self.forward).sum(axis=1)).ravel())
-
-    def bound(self, weight: torch.Tensor) -> torch.Tensor:
-        """As of an interpolation; rows have both signs here."""
-        return torch.from_numpy(self._sizes @ (weight * self._row_sums).numpy())
 
 
 class Membrane:
@@ -180,7 +165,8 @@ def solve(
     diagonal = stiffness * membrane.diagonal() + ridge
     for places, weight, target in terms:
         right = right + places.back(weight * target)
-        diagonal = diagonal + places.bound(weight)
+        # Row sums bound the diagonal of A' W A from above: a safe preconditioner without squaring the matrix.
+        diagonal = diagonal + places.back(weight)
     field = start.clone()
     residual = right - apply(field)
     scaled = residual / diagonal
@@ -318,6 +304,7 @@ def polish(
     stiffness_px: Sequence[float],
     along_stem: float,
     boundary_share: float = 0.5,
+    count: Array | None = None,
 ) -> Polished:
     """Minimise the cyclic phase difference between face and model over the displacement.
 
@@ -339,6 +326,9 @@ def polish(
         How much stiffer the field is along the stem.
     boundary_share : float
         Weight of all boundary vertices together, relative to all pixels together.
+    count : array of shape (N,), optional
+        Ring ages of the pixels as the phase counts them (`woodfit.ring_count`): whole rings are then not free, and the
+        boundaries give way in the first step.
 
     Returns
     -------
@@ -349,24 +339,30 @@ def polish(
     field = base = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
     heavy = boundary_share * float(pixels.weight.sum()) / max(float(boundaries.weight.sum()), 1e-9)
     losses: list[float] = []
-    for stiffness in stiffness_px:
+    for step, stiffness in enumerate(stiffness_px):
         now = at_pixels.at(field).numpy()
         age, width = age_of_radius(pixels.radius + now, ring_radius)
-        turn = pixels.target - 2.0 * np.pi * age
-        turn = turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
         if not losses:
-            losses.append(cyclic_loss(turn, pixels.weight))
-        # 1 - cos(x) is a parabola of height x sin(x): the weight of its Gauss-Newton step is sin(x) / x.
-        fades = np.sinc(turn / np.pi)
+            losses.append(cyclic_loss(pixels.target - 2.0 * np.pi * age, pixels.weight))
+        if count is None:
+            turn = pixels.target / (2.0 * np.pi) - age
+            turn = turn - np.round(turn)
+            # 1 - cos(x) is a parabola of height x sin(x): the weight of its Gauss-Newton step is sin(x) / x.
+            fades = np.sinc(2.0 * turn)
+            wanted = now + turn * width
+        else:
+            fades = 1.0 / (1.0 + ((count - age) / _COUNT_MISSES[min(step, len(_COUNT_MISSES) - 1)]) ** 2)
+            wanted = radius_of_age(count, ring_radius) - pixels.radius
         # In rings, not px: wide and narrow rings count alike.
         scale = np.median(width)
         weight = pixels.weight * fades * (scale / width) ** 2
-        wanted = now + turn / (2.0 * np.pi) * width
 
         held = at_vertices.at(field).numpy()
         vertex_age, vertex_width = age_of_radius(boundaries.radius + held, ring_radius)
         miss = boundaries.target - vertex_age
         vertex_weight = heavy * boundaries.weight * (scale / vertex_width) ** 2 / (1.0 + (miss / 0.25) ** 2)
+        if count is not None and step == 0:
+            vertex_weight = _GIVING_WAY * vertex_weight
         vertex_wanted = radius_of_age(boundaries.target, ring_radius) - boundaries.radius
         terms = [
             (at_pixels, tensor(weight), tensor(wanted)),

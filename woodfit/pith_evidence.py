@@ -48,6 +48,9 @@ TREND = 0.7
 #: Vertices that all others contradict by more standard deviations than this are traced the less exactly.
 OUTLIER = 2.0
 
+#: Part of a ring that traced boundaries are not better than: which part of the step is followed depends on its breadth.
+TRACED_WITHIN = 0.03
+
 #: Rings of an old tree, and the scatter of the log of the age beyond.
 OLD_RINGS, OLD_SCATTER = 80.0, 0.7
 
@@ -75,10 +78,10 @@ class Growth:
     piece: float = 0.05
 
     def scaled(self, strength: float, tracing: float) -> Growth:
-        """As uneven and as inexactly traced as so many times this."""
-        return replace(
-            self, strength=self.strength * strength, tracing=self.tracing * tracing, piece=self.piece * tracing
-        )
+        """As uneven and as inexactly traced as so many times this, but not traced better than anything is."""
+        most_exact = max(tracing, TRACED_WITHIN / self.tracing)
+        piece = max(self.piece * tracing, TRACED_WITHIN)
+        return replace(self, strength=self.strength * strength, tracing=self.tracing * most_exact, piece=piece)
 
 
 class Evidence:

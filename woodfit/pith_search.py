@@ -24,6 +24,13 @@ USUAL_DISTANCE, DISTANCE = 0.4, 0.6
 #: Distance of the pith in sizes of the face below which all are as likely.
 NEAR = 0.1
 
+#: A board with the pith under its face is seldom sawn next to it, where it would crack, nor from a log many times as
+#: thick: usual depth in sizes of the face, and the scatter of its log.
+USUAL_DEPTH, DEPTH_SCATTER = 0.3, 0.4
+
+#: How steep (component of the direction) and how far beside the middle (sizes of the face) a pith may run under a face.
+UNDER_STEEP, UNDER_BESIDE = 0.17, 0.5
+
 #: Steps of the charts: two angles (rad) and two offsets (sizes of the face).
 STEP = 0.03
 
@@ -90,7 +97,7 @@ class Cost:
         cost = np.log(distance / self.size_px + NEAR) + 0.5 * np.maximum(far, 0.0) ** 2
         cost += self.fibers.cost(direction) - self.along_face * (0.5 - upright**2)
         if not self.evidence.rings.solid:
-            cost = cost + SAWN_COST * np.log1p((off_saw / SAWN_WITHIN_RAD) ** 2)
+            cost = cost + SAWN_COST * np.log1p((off_saw / SAWN_WITHIN_RAD) ** 2) + self._depth(foot, direction)
         for axis, value in enumerate(self.known.point):
             if value is not None:
                 cost = cost + 0.5 * ((foot[:, axis] - value) / (0.002 * self.size_px)) ** 2
@@ -105,6 +112,14 @@ class Cost:
             back = np.minimum(flat @ towards, 0.0) * (direction[:, 2] ** 2 > 1e-4)
             cost = cost + 0.5 * (aside**2 + back**2) / 0.004**2
         return np.asarray(cost)
+
+    def _depth(self, foot: FloatArray, direction: FloatArray) -> FloatArray:
+        """Cost (L,) of an unusual depth of piths under the face, through their points `foot` nearest to its centre."""
+        beside, depth = np.hypot(foot[:, 0] - self.centre[0], foot[:, 1] - self.centre[1]), foot[:, 2] - self.centre[2]
+        under = np.maximum(1.0 - (direction[:, 2] / UNDER_STEEP) ** 2, 0.0)
+        under = under / (1.0 + (beside / (UNDER_BESIDE * self.size_px)) ** 6)
+        unusual = np.log((np.abs(depth) / self.size_px + 1e-3) / USUAL_DEPTH) / DEPTH_SCATTER
+        return np.asarray(0.5 * under * unusual**2)
 
 
 def laterals(
