@@ -135,10 +135,6 @@ def _less_sure(traces: list[Trace], one_sided: float) -> list[Trace]:
     return [replace(trace, confidence=trace.confidence * share) for trace in traces]
 
 
-#: How often the space between boundaries is halved at most: a run of narrow rings among wide ones needs it.
-_LOOKS = 5
-
-
 def wrap(angle: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Angle in rad brought to -pi..pi."""
     return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
@@ -217,12 +213,7 @@ def find_rings(
     kept = without_faint(kept, response, strength)
     if not vessels:
         # Beside a ring of vessels the latewood's fine texture would pass for another.
-        for _ in range(_LOOKS):
-            between = missed_boundaries(kept, strength, growth.direction, frequency, valid)
-            believed = without_doubtful(believe(between, strength, around, frequency))
-            kept += believed
-            if not believed:
-                break
+        kept += missed_boundaries(kept, strength, growth.direction, frequency, valid, around)
     if growth.bright_outwards:
         kept = _onto_latewood(kept, along, growth.direction, frequency)
     kept = kept_apart(kept, valid.shape)
