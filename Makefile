@@ -37,7 +37,8 @@ run: setup
 test: $(INSTALLED)
 	@$(MAKE) --no-print-directory warm & \
 		$(BIN)/ruff check . && $(BIN)/mypy && $(BIN)/lint-imports; status=$$?; wait $$! && exit $$status
-	$(BIN)/python -m pytest -m 'not slow' -n 2 --dist loadfile
+	@# Two processes of one BLAS thread each: with more they wait for one another, and the tests take a third longer.
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not slow' -n 2 --dist loadfile
 
 slow: setup
 	$(BIN)/python -m pytest -m slow

@@ -37,6 +37,9 @@ class InitialDistortionParams(Params):
     spacing_rings: PositiveFloat = 0.35
     """Spacing of the displacement grid along the radius in mean ring widths (never under three px)."""
 
+    widest_px: PositiveFloat = 8.0
+    """Greatest spacing along the radius: wide rings are bent on smaller scales than their width."""
+
     wider: PositiveFloat = 2.0
     """Spacing along the arc and along the stem, over that along the radius."""
 
@@ -71,7 +74,7 @@ class InitialDistortionParams(Params):
         RING_WIDTH,
     ),
     provides=(DISPLACEMENT, AZIMUTH_WRAPS),
-    version=5,
+    version=6,
     params=InitialDistortionParams,
     sees_block=True,
 )
@@ -83,7 +86,8 @@ def initial_distortion(ds: xr.Dataset, params: InitialDistortionParams) -> xr.Da
     x, y, valid = ds.coords["x"].values, ds.coords["y"].values, ds[VALID.name].values
     # The one face of a scan is covered whole, background and hidden parts too; an atlas only where there is wood.
     shown = valid if ds.sizes["face"] > 1 else np.ones_like(valid)
-    grid = frame.grid(x, y, shown, max(3.0, params.spacing_rings * ring), params.most_nodes, params.wider)
+    spacing = max(3.0, min(params.spacing_rings * ring, params.widest_px))
+    grid = frame.grid(x, y, shown, spacing, params.most_nodes, params.wider)
     vertices = frame.observe(
         ds[RING_X.name].values,
         ds[RING_Y.name].values,
