@@ -18,8 +18,8 @@ from pipeline.threads import preload_in_background
 
 Done = Callable[[Outcome | None], None]
 
-#: Free memory that a worker keeps. With the little that Dask leaves it, every array of half a megabyte is asked from the
-#: system and given back: iterations over such arrays then take two to three times as long.
+#: Free memory that a worker keeps. With the little that Dask leaves it, every array of half a megabyte is asked from
+#: the system and given back: iterations over such arrays then take two to three times as long.
 KEPT_BYTES = 64 << 20
 
 
