@@ -6,8 +6,11 @@ import pytest
 from kernel_scenes import Array
 from skimage.measure import find_contours
 
+from woodfit.fiber import FiberSight
 from woodfit.pith import Fixed, Pith, board_to_tree, fit_pith
 from woodfit.pith_energy import RingPoints, frame_of, radii, sample_rings
+from woodfit.pith_evidence import TRACED_WITHIN, Evidence, Growth
+from woodfit.pith_search import Cost, Known
 from woodfit.pith_stem import with_stem
 from woodfit.planes import Planes
 from woodfit.pose_story import Face, describe, undetermined
@@ -101,6 +104,30 @@ def test_uneven_years_do_not_turn_the_pith_line(cut: str, seed: int) -> None:
     angle, across, _ = apart(fit_pith(rings, 480.0), point, along)
     assert angle < 2.0
     assert across < 10.0
+
+
+def test_a_pith_under_the_face_is_expected_neither_next_to_it_nor_far_below() -> None:
+    _, rings = drawn_rings(*line((200.0, 0.0, 120.0), (0.0, 1.0, 0.0)), even(16.0))
+    size, centre = 400.0, np.array([200.0, 150.0, 0.0])
+    cost = Cost(Evidence(rings.thinned(50), 16.0, Growth()), size, centre, 0.0, Known(), FiberSight.nothing())
+
+    def prior(beside: float, depths: Array, direction: tuple[float, float, float] = (0.0, 1.0, 0.0)) -> Array:
+        origin = centre + size * np.stack([np.full(len(depths), beside), np.zeros(len(depths)), depths], axis=1)
+        return cost.prior(origin, np.tile(direction, (len(depths), 1)))
+
+    depths = np.geomspace(0.03, 3.0, 100)
+    under = prior(0.1, depths)
+    assert 0.15 < depths[under.argmin()] < 0.35
+    assert np.all(under[(depths < 0.08) | (depths > 1.0)] > under.min() + 1.5)
+    # Beside the face a pith may lie as deep as it likes, and so may one that runs through it.
+    assert np.ptp(prior(2.0, depths[depths < 0.5])) < 0.2
+    assert np.ptp(prior(0.3, depths, (0.0, 0.0, 1.0))) < 1e-6
+
+
+def test_tracing_is_never_taken_for_more_exact_than_its_convention() -> None:
+    exact, usual = Growth().scaled(0.03, 0.03), Growth().scaled(0.5, 2.0)
+    assert (exact.tracing, exact.piece) == (TRACED_WITHIN, TRACED_WITHIN)
+    assert (usual.strength, usual.tracing, usual.piece) == (0.1, 0.2, 0.1)
 
 
 def test_the_mirrored_pith_line_explains_the_face_as_well() -> None:

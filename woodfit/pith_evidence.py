@@ -79,9 +79,8 @@ class Growth:
 
     def scaled(self, strength: float, tracing: float) -> Growth:
         """As uneven and as inexactly traced as so many times this, but not traced better than anything is."""
-        most_exact = max(tracing, TRACED_WITHIN / self.tracing)
-        piece = max(self.piece * tracing, TRACED_WITHIN)
-        return replace(self, strength=self.strength * strength, tracing=self.tracing * most_exact, piece=piece)
+        each, piece = (max(error * tracing, TRACED_WITHIN) for error in (self.tracing, self.piece))
+        return replace(self, strength=self.strength * strength, tracing=each, piece=piece)
 
 
 class Evidence:
