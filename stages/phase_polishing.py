@@ -40,7 +40,7 @@ from stages.variables import (
 Array = npt.NDArray[Any]
 
 #: Pixels are confident from here on; a 95 % residual above the second says that the count of the phase is torn, rad.
-SURE, TORN_RAD = 0.5, 0.8
+SURE, TORN_RAD = 0.5, 0.9
 
 
 class PhasePolishingParams(Params):
