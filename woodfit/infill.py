@@ -21,6 +21,9 @@ from woodfit.tracing import Trace
 FloatArray = npt.NDArray[np.float32]
 
 
+#: Strength that is needed, as a share of that of the two boundaries around, and the share of the length where it is.
+LEAST_SHARE, LEAST_LENGTH = 0.5, 0.75
+
 #: How often the space between boundaries is halved at most: a run of narrow rings among wide ones needs it.
 _LOOKS = 5
 
@@ -36,8 +39,6 @@ def missed_boundaries(
     frequency: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
     mean_slope: FloatArray,
-    least_share: float = 0.5,
-    least_length: float = 0.75,
 ) -> list[Trace]:
     """Additional boundaries between the traced ones; none if they are so many that they must be grain.
 
@@ -53,10 +54,6 @@ def missed_boundaries(
         The wood.
     mean_slope : array of shape (M, N)
         From `woodfit.ring_belief.mean_slope`.
-    least_share : float
-        Strength needed, as a share of that of the two boundaries around.
-    least_length : float
-        Share of the length along which it is needed.
 
     Returns
     -------
@@ -64,7 +61,7 @@ def missed_boundaries(
     """
     found: list[Trace] = []
     for _ in range(_LOOKS):
-        between = _one_look(traces + found, strength, growth, frequency, valid, least_share, least_length)
+        between = _one_look(traces + found, strength, growth, frequency, valid)
         believed = without_doubtful(believe(between, strength, mean_slope, frequency))
         found += believed
         if not believed:
@@ -82,8 +79,6 @@ def _one_look(
     growth: FloatArray,
     frequency: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
-    least_share: float,
-    least_length: float,
 ) -> list[Trace]:
     """Strongest edge between each boundary and the next one outwards, where it is strong enough."""
     labels = draw_labels([t.points for t in traces], [t.closed for t in traces], strength.shape)
@@ -94,7 +89,7 @@ def _one_look(
         found += [
             inner
             for start, end in _stretches(met > 0)
-            if (inner := _between(trace, way, start, end, strength, growth, least_share, least_length)) is not None
+            if (inner := _between(trace, way, start, end, strength, growth)) is not None
         ]
     return found
 
@@ -117,8 +112,6 @@ def _between(
     end: int,
     strength: FloatArray,
     growth: FloatArray,
-    least_share: float,
-    least_length: float,
 ) -> Trace | None:
     points, width = trace.points[start:end], way[start:end].copy()
     known = width > 0
@@ -133,9 +126,9 @@ def _between(
     around = np.minimum(edges[0], edges[2])
     typical = float(np.median(around))
     # The darkening of latewood on either side must not be mistaken for a step: it has to brighten here.
-    strong = edges[1] >= least_share * np.maximum(around, 0.7 * typical)
+    strong = edges[1] >= LEAST_SHARE * np.maximum(around, 0.7 * typical)
     clear = (offset > 0.2 * width) & (offset < 0.8 * width)
-    if typical <= 0.0 or (strong & clear).mean() < least_length:
+    if typical <= 0.0 or (strong & clear).mean() < LEAST_LENGTH:
         return None
     belief = trace.confidence[start:end] * np.clip(edges[1] / np.maximum(around, 1e-9), 0.0, 1.0)
     return Trace(here, belief, trace.closed and end - start == len(trace.points))
