@@ -49,6 +49,10 @@ class CurvedGaborParams(Params):
     """Standard deviation of the window across the rings, wavelengths; by default 0.5, or 0.4 where the rings are
     sought in the density of vessels, which is a narrow peak in each."""
 
+    spread_octaves: PositiveFloat | None = None
+    """How far the rings' widths are expected to lie from the characteristic one, standard deviation in octaves; by
+    default 2, or 1.2 where the rings are sought in the density of vessels, which is noisy."""
+
     narrowest_rings: float = Field(default=0.125, gt=0.0, le=1.0)
     """Narrowest ring looked for, in characteristic ring widths (never under three analysed px)."""
 
@@ -61,8 +65,10 @@ def _region(ds: xr.Dataset, params: CurvedGaborParams) -> Region:
 
     run = scalar(ds, STRAIGHT_RUN) / scalar(ds, REDUCTION)
     sigma = params.sigma_along or float(np.clip(run, 10.0, 27.0))
-    cycles = params.cycles or (0.4 if scalar(ds, VESSEL_SCALE) else 0.5)
-    return Region(params.p, params.q or int(np.ceil(3.0 * sigma)), sigma, cycles)
+    vessels = scalar(ds, VESSEL_SCALE) > 0
+    cycles = params.cycles or (0.4 if vessels else 0.5)
+    spread = params.spread_octaves or (1.2 if vessels else 2.0)
+    return Region(params.p, params.q or int(np.ceil(3.0 * sigma)), sigma, cycles, spread)
 
 
 def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
@@ -84,7 +90,7 @@ def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
         CURVATURE,
         RING_ORIENTATION,
     ),
-    version=3,
+    version=4,
     params=CurvedGaborParams,
     halo=_halo,
 )

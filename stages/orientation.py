@@ -6,7 +6,17 @@ import xarray as xr
 from pydantic import PositiveFloat
 
 from stages.stage import Params, like_image, place_in_array, scalar, stage
-from stages.variables import COHERENCE, FACE_PITH_X, FACE_PITH_Y, ORIENTATION, REDUCTION, RING_SCALE, VALID, VALUE
+from stages.variables import (
+    COHERENCE,
+    FACE_PITH_X,
+    FACE_PITH_Y,
+    ORIENTATION,
+    REDUCTION,
+    RING_SCALE,
+    VALID,
+    VALUE,
+    VESSEL_SCALE,
+)
 
 
 class OrientationParams(Params):
@@ -28,13 +38,13 @@ def _sigmas(ds: xr.Dataset, params: OrientationParams) -> tuple[float, float]:
 def _halo(ds: xr.Dataset, params: OrientationParams) -> int:
     from woodfit import structure_tensor
 
-    return structure_tensor.halo(*_sigmas(ds, params))
+    return structure_tensor.halo(*_sigmas(ds, params), rays=scalar(ds, VESSEL_SCALE) > 0)
 
 
 @stage(
-    requires=(VALUE, VALID, RING_SCALE, REDUCTION, FACE_PITH_X, FACE_PITH_Y),
+    requires=(VALUE, VALID, RING_SCALE, REDUCTION, VESSEL_SCALE, FACE_PITH_X, FACE_PITH_Y),
     provides=(ORIENTATION, COHERENCE),
-    version=3,
+    version=4,
     params=OrientationParams,
     halo=_halo,
 )
@@ -43,6 +53,10 @@ def orientation(ds: xr.Dataset, params: OrientationParams) -> xr.Dataset:
     from woodfit import structure_tensor
 
     angle, coherence = structure_tensor.orientation(
-        ds[VALUE.name].values, ds[VALID.name].values, *_sigmas(ds, params), place_in_array(ds, FACE_PITH_X, FACE_PITH_Y)
+        ds[VALUE.name].values,
+        ds[VALID.name].values,
+        *_sigmas(ds, params),
+        place_in_array(ds, FACE_PITH_X, FACE_PITH_Y),
+        rays=scalar(ds, VESSEL_SCALE) > 0,
     )
     return like_image(ds, {ORIENTATION: angle, COHERENCE: coherence})

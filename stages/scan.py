@@ -66,7 +66,7 @@ class ScanParams(Params):
         FACE_PITH_X,
         FACE_PITH_Y,
     ),
-    version=3,
+    version=4,
     params=ScanParams,
 )
 def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
@@ -75,6 +75,7 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
 
     encoded, opaque = ds[ENCODED.name], ds[OPAQUE.name]
     height, width = opaque.shape
+    shape = (height, width)
     # Background, pith and ring width are seen on an overview or on samples, whatever the size of the scan.
     overview_step = max(1, -(-max(height, width) // 1200))
     mask = photograph.wood_mask(
@@ -95,17 +96,23 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
 
     grey = window_of(np.asarray)
     thick = photograph.thickness(mask) * overview_step
-    scale_px = params.ring_width_px or ring_scale.ring_scale((height, width), grey, thick_px=thick)
+    if params.ring_width_px is None:
+        in_grey = ring_scale.scale_scores(shape, grey, thick_px=thick)
+        scale_px = ring_scale.ring_scale(shape, in_grey)
+    else:
+        scale_px = params.ring_width_px
     pores = 0
     if params.ring_porous is not False:
-        pores = vessels.vessel_scale((height, width), grey, scale_px) or int(params.ring_porous or 0)
+        pores = vessels.vessel_scale(shape, grey, scale_px) or int(params.ring_porous or 0)
     seen = window_of(vessels.density_signal, pores) if pores else grey
     if pores and params.ring_width_px is None:
         # Blurred twice as far: single vessels must not pass for narrow rings.
-        scale_px = ring_scale.ring_scale((height, width), window_of(vessels.density_signal, pores, 2.0), thick_px=thick)
+        in_density = ring_scale.scale_scores(shape, window_of(vessels.density_signal, pores, 2.0), thick_px=thick)
+        scale_px = ring_scale.ring_scale(shape, in_grey.with_other(in_density))
     overview = _part(encoded, slice(None), slice(None), overview_step)
     pith = params.pith_px or _pith(photograph.grey_value(overview), mask, overview_step)
-    step = params.reduction or photograph.reduction_for((height, width), scale_px, float(mask.mean()))
+    step = params.reduction or photograph.reduction_for(shape, scale_px, float(mask.mean()))
+    straight = ring_direction.straight_run(shape, seen, scale_px, step, thick_px=thick, rays=pores > 0)
     arrays = xr.apply_ufunc(
         photograph.develop,
         encoded.chunk(channel=-1) if encoded.chunks else encoded,
@@ -134,9 +141,7 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
             PIXEL_SIZE.name: PIXEL_SIZE.array(np.float64(pixel_size)),
             REDUCTION.name: REDUCTION.array(np.int64(step)),
             RING_SCALE.name: RING_SCALE.array(np.float64(scale_px)),
-            STRAIGHT_RUN.name: STRAIGHT_RUN.array(
-                np.float64(ring_direction.straight_run((height, width), seen, scale_px, step, thick_px=thick))
-            ),
+            STRAIGHT_RUN.name: STRAIGHT_RUN.array(np.float64(straight)),
             FACE_PITH_X.name: FACE_PITH_X.array(np.float64(pith[0])),
             FACE_PITH_Y.name: FACE_PITH_Y.array(np.float64(pith[1])),
             VESSEL_SCALE.name: VESSEL_SCALE.array(np.int64(pores)),

@@ -78,6 +78,31 @@ def test_growth_is_away_from_a_pith_that_is_seen(polarity: float, pith: tuple[fl
     assert told.sureness == 1.0
 
 
+def one_sided(pith: tuple[float, float], along_stem: float) -> tuple[Growth, Array]:
+    """Growth of end grain whose abrupt edges seem to lie on the wrong side over a third of it; outwards."""
+    shape = (240, 360)
+    _, outwards = round_age(shape, pith, 16.0)
+    x, y = pixels(shape)
+    wrong = x + y < 220.0
+    # Edges that darken outwards: normals point inwards, but for the wrong ones.
+    normal = outwards + np.where(wrong, 0.0, np.pi)
+    growth = find_growth(
+        normal, np.full(shape, 0.6), np.full(shape, 0.6), wood(shape), 16.0, pores=-1.6, along_stem=along_stem
+    )
+    return growth, outwards
+
+
+def test_rings_that_all_bend_to_one_side_grow_to_the_other_whatever_some_edges_say() -> None:
+    growth, outwards = one_sided((700.0, 600.0), 0.0)
+    assert not growth.bright_outwards
+    assert np.cos(growth.direction - outwards).min() > 0.9
+
+
+def test_along_the_stem_bends_do_not_overrule_the_edges() -> None:
+    growth, outwards = one_sided((700.0, 600.0), 1.0)
+    assert (np.cos(growth.direction - outwards) < 0.0).mean() > 0.2
+
+
 def parted(shape: tuple[int, int], middle: float) -> tuple[Array, Array]:
     """Normals and asymmetry of straight rings that grow away from the column `middle` to both sides."""
     x, _ = pixels(shape)

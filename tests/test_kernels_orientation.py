@@ -8,7 +8,7 @@ import pytest
 from kernel_scenes import Image, angle_between, conifer, noise, pixels, round_age, straight, wave, wood
 
 from woodfit.frequency import ROUNDS, log_bank, smooth_frequency
-from woodfit.ring_scale import reduce_by, ring_scale
+from woodfit.ring_scale import ScaleScores, reduce_by, ring_scale, scale_scores
 from woodfit.streamlines import MARGIN_PX, smooth_along
 from woodfit.structure_tensor import halo, orientation
 from woodfit.synthetic_scenes import scene
@@ -117,6 +117,33 @@ def test_orientation_about_a_pith_turns_with_the_image_and_moves_with_its_tile()
     assert np.percentile(angle_between(tile[margin:, margin:], angle[128:, 128:]), 99) < 1e-3
 
 
+def rayed(shape: tuple[int, int] = (300, 340)) -> tuple[Image, np.ndarray]:
+    """Bent rings of 20 px crossed by rays that are narrower and in places three times as strong; the tangent."""
+    age, outwards = round_age(shape, (-300.0, 500.0), 20.0)
+    strong = 0.5 + 0.5 * np.cos(2 * np.pi * pixels(shape)[0] / 170.0)
+    rays = 0.6 * strong * np.cos(500.0 * outwards)
+    return (wave(age) + rays + noise(shape, 0.05)).astype(np.float32), outwards + np.pi / 2
+
+
+def test_rays_stand_across_the_rings_and_speak_for_them() -> None:
+    value, tangent = rayed()
+    misled, _ = orientation(value, wood(value.shape), 2.4, 16.0)
+    assert (angle_between(misled, tangent) > np.pi / 4).mean() > 0.2
+    assert angle_between(misled, tangent).max() > np.radians(80.0)
+    angle, coherence = orientation(value, wood(value.shape), 2.4, 16.0, rays=True)
+    # Where both are about as strong, what is left of each is noise.
+    assert np.median(angle_between(angle, tangent)) < np.radians(2.5)
+    assert np.percentile(angle_between(angle, tangent), 99) < np.radians(25.0)
+    assert coherence.mean() > 0.5
+
+
+def test_wood_without_rays_keeps_its_direction_when_rays_are_thought_of() -> None:
+    shape = (300, 320)
+    age, outwards = round_age(shape, (-60.0, 150.0), 16.0)
+    angle, _ = orientation(wave(age) + noise(shape, 0.02), wood(shape), 2.0, 12.8, rays=True)
+    assert np.percentile(angle_between(angle, outwards + np.pi / 2)[INSIDE], 99) < np.radians(4.0)
+
+
 def test_orientation_turns_with_the_image() -> None:
     value = board()
     angle, coherence = orientation(value, wood(value.shape), 1.0, 6.0)
@@ -150,18 +177,18 @@ def test_the_edge_of_the_wood_is_not_a_ring() -> None:
     assert np.median(angle_between(angle, 0.4)[valid]) < np.radians(0.5)
 
 
-@pytest.mark.parametrize("window", [7.0, 18.0])
+@pytest.mark.parametrize(("window", "rays"), [(7.0, False), (18.0, False), (7.0, True)])
 @pytest.mark.parametrize(("row", "col"), [(128, 192), (0, 64)])
-def test_a_tile_with_its_halo_has_the_orientation_of_the_whole(row: int, col: int, window: float) -> None:
-    value = board(384)
+def test_a_tile_with_its_halo_has_the_orientation_of_the_whole(row: int, col: int, window: float, rays: bool) -> None:
+    value = board(512 if rays else 384)
     valid = wood(value.shape)
     valid[:, 250:300] = False
-    whole, coherent = orientation(value, valid, 1.5, window)
+    whole, coherent = orientation(value, valid, 1.5, window, rays=rays)
     # Tiles start on a grid of 64 px.
-    margin = -(-halo(1.5, window) // 64) * 64
+    margin = -(-halo(1.5, window, rays) // 64) * 64
     top, left = max(0, row - margin), max(0, col - margin)
     part = (slice(top, row + 64 + margin), slice(left, col + 64 + margin))
-    angle, coherence = orientation(value[part], valid[part], 1.5, window)
+    angle, coherence = orientation(value[part], valid[part], 1.5, window, rays=rays)
     inner = (slice(row - top, row - top + 64), slice(col - left, col - left + 64))
     tile = (slice(row, row + 64), slice(col, col + 64))
     clear = coherent[tile] > 0.01
@@ -279,7 +306,26 @@ def test_the_scale_of_a_scan_is_the_width_of_its_rings(width: float, tangent: fl
         part = (slice(row, row + rows), slice(col, col + cols))
         return reduce_by(value[part], step), reduce_by(valid[part].astype(np.float32), step) > 0.5
 
-    assert abs(np.log2(ring_scale(shape, window) / width)) < 0.12
+    assert abs(np.log2(ring_scale(shape, scale_scores(shape, window)) / width)) < 0.12
+
+
+def test_what_is_periodic_in_one_of_two_signals_only_is_not_the_width_of_the_rings() -> None:
+    shape = (500, 600)
+    rings, bands, pores = (straight(shape, width, 0.3) for width in (20.0, 113.0, 10.0))
+    signals = (wave(rings) + wave(pores, 0.3), wave(rings) + wave(bands, 0.4))
+    valid = wood(shape)
+
+    def scores(value: Image) -> ScaleScores:
+        def window(row: int, col: int, rows: int, cols: int, step: int) -> tuple[Image, np.ndarray]:
+            part = (slice(row, row + rows), slice(col, col + cols))
+            return reduce_by(value[part], step), reduce_by(valid[part].astype(np.float32), step) > 0.5
+
+        return scale_scores(shape, window)
+
+    one, other = (scores(value + noise(shape, 0.03)) for value in signals)
+    assert abs(np.log2(ring_scale(shape, one) / 20.0)) > 0.5
+    assert abs(np.log2(ring_scale(shape, other) / 20.0)) > 0.5
+    assert abs(np.log2(ring_scale(shape, one.with_other(other)) / 20.0)) < 0.25
 
 
 def test_reduction_is_a_mean_over_blocks() -> None:

@@ -42,12 +42,15 @@ class Region:
         Standard deviation of the window along the rings.
     cycles : float
         Standard deviation of the window across the rings, in wavelengths.
+    spread_octaves : float
+        How far the rings' widths are expected to lie from the characteristic one: standard deviation.
     """
 
     p: int = 80
     q: int = 80
     sigma_along_px: float = 27.0
     cycles: float = 0.5
+    spread_octaves: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -231,7 +234,7 @@ def find_frequency(
     )
     # Amplitude alone prefers shading, the explained share alone prefers noise: rings have both. The bell over
     # log-frequency is a faint reminder of the scan's own scale where there is no evidence at all.
-    prior = np.exp(-0.5 * (np.log2(bank * ring_scale_px) / 2.0) ** 2)
+    prior = np.exp(-0.5 * (np.log2(bank * ring_scale_px) / region.spread_octaves) ** 2)
     evidence = np.zeros((bank.size, grid_rows.size, grid_cols.size), np.float32)
     evidence[:, rows, cols] = ((response.real**2 + response.imag**2) * explained * prior).T
     ring_cells = ring_scale_px / step

@@ -245,7 +245,10 @@ def find_growth(
     # Conifer is the rule; geometry or pores must speak clearly against it.
     outwards = vote > 0.0 if bright_outwards is None else bright_outwards
     sureness = 0.5 + 0.5 * min(1.0, abs(vote) / 1.2) if bright_outwards is None else 1.0
-    verdict = bent + stepped if outwards else bent - stepped
+    edges = 1.0 if outwards else -1.0
+    agreed = edges * float((np.sign(bent) * cells.asymmetry).sum()) > 0.0
+    one_sided = along_stem < 0.5 and agreed and _one_sided(cells, bent, valid, ring_scale_px)
+    verdict = bent if one_sided else bent + edges * stepped
     direction = _expand(cells, np.sign(verdict), normal)
     flux = outward_flux(direction, confidence * valid, ring_scale_px)
     return Growth(direction, outwards, float(sureness), flux)
@@ -280,6 +283,27 @@ def _turn(cells: _Cells, valid: npt.NDArray[np.bool_], ring_scale_px: float) -> 
     # Evidence is the tanh of three times the turn per cell.
     per_cell = float(np.abs(cells.convexity).sum()) / (3.0 * float(cells.strength.sum()))
     return min(1.0, per_cell * thick / max(1, round(0.5 * ring_scale_px)) / 0.15)
+
+
+#: Turn in rad over the wood's thickness above which rings that bend to one side everywhere are no accident.
+_ONE_SIDED = 0.15
+
+
+def _one_sided(
+    cells: _Cells, bent: npt.NDArray[np.float64], valid: npt.NDArray[np.bool_], ring_scale_px: float
+) -> bool:
+    """Whether the rings bend to one side all over the face: then no pith lies in it, and growth turns nowhere round.
+
+    Where vessels are few or the wood is dull, the abrupt edge may seem to lie on the wrong side for rings on end.
+    """
+    spin = np.pad(np.sign(bent), 1)
+    for dy, dx, bond in cells.bonds:
+        rows, cols = bent.shape
+        if (bond * spin[1:-1, 1:-1] * spin[1 + dy : 1 + dy + rows, 1 + dx : 1 + dx + cols] < -1e-3).any():
+            return False
+    thick = thickness(valid) / max(1, round(0.5 * ring_scale_px))
+    turn = float((np.sign(bent) * cells.convexity).sum()) / (3.0 * float(cells.strength.sum())) * thick
+    return turn > _ONE_SIDED
 
 
 def _expand(cells: _Cells, spin: npt.NDArray[Any], normal: npt.NDArray[Any]) -> FloatArray:

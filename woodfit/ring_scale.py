@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -49,13 +50,33 @@ def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray
     return np.asarray(explained.mean(axis=0) * (power / (power.max() + 1e-12)) ** 0.05, dtype=np.float64)
 
 
-def ring_scale(
+@dataclass(frozen=True)
+class ScaleScores:
+    """How periodic a scan is at wavelengths over its whole range.
+
+    Attributes
+    ----------
+    wavelength_px : array of shape (C,)
+        In scan px, each level of the pyramid one after the other; empty where the scan is too small to tell.
+    score : array of shape (C,)
+        Share of the contour-smoothed profile's variance that such a wave explains, 0..1.
+    """
+
+    wavelength_px: npt.NDArray[np.float64]
+    score: npt.NDArray[np.float64]
+
+    def with_other(self, other: ScaleScores) -> ScaleScores:
+        """Scores of what is periodic in both of two signals of one scan: their geometric mean."""
+        return ScaleScores(self.wavelength_px, np.sqrt(self.score * other.score))
+
+
+def scale_scores(
     shape: tuple[int, int],
     window: Window,
     window_px: int = 320,
     thick_px: float | None = None,
-) -> float:
-    """Characteristic ring width of a scan, from windows of a pyramid.
+) -> ScaleScores:
+    """How periodic a signal of a scan is, from windows of a pyramid.
 
     Parameters
     ----------
@@ -70,8 +91,7 @@ def ring_scale(
 
     Returns
     -------
-    float
-        Width in scan px at which a wave explains most of the contour-smoothed image.
+    ScaleScores
     """
     height, width = shape
     candidates: list[tuple[float, float]] = []
@@ -91,12 +111,31 @@ def ring_scale(
             # On a strip only a few pixels high nothing tells a ring from shading.
             score = score * min(1.0, shorter / (20.0 * step))
             candidates += [
-                (float(s), float(w * step)) for s, w in zip(score, WAVELENGTHS_PX, strict=True) if w * step < longest
+                (float(w * step), float(s)) for s, w in zip(score, WAVELENGTHS_PX, strict=True) if w * step < longest
             ]
         step *= 2
-    if not candidates:
+    pairs = np.array(candidates, np.float64).reshape(-1, 2)
+    return ScaleScores(pairs[:, 0], pairs[:, 1])
+
+
+def ring_scale(shape: tuple[int, int], scores: ScaleScores) -> float:
+    """Characteristic ring width of a scan of `shape`: where a wave explains most, by a parabola over log-wavelength.
+
+    In scan px; an eighth of the longer side (8 px at least) where there are no scores.
+    """
+    best: dict[int, float] = {}
+    for wavelength, score in zip(scores.wavelength_px.tolist(), scores.score.tolist(), strict=True):
+        octave = round(2.0 * np.log2(wavelength))
+        # Fewer waves fit into the scan the longer they are, so a long one explains the same share more easily;
+        # below eight pixels pores and fibres do.
+        best[octave] = max(best.get(octave, 0.0), score * wavelength**-0.05 * min(1.0, wavelength / 8.0) ** 0.2)
+    if not best:
         return float(max(8.0, max(shape) / 8.0))
-    return _peak(candidates)
+    top = max(best, key=lambda octave: best[octave])
+    left, mid, right = (best.get(top + d, 0.0) for d in (-1, 0, 1))
+    curve = left - 2.0 * mid + right
+    shift = 0.5 * (left - right) / curve if curve < 0.0 else 0.0
+    return float(2.0 ** ((top + np.clip(shift, -0.5, 0.5)) / 2.0))
 
 
 def _starts(length: int, side: int) -> list[int]:
@@ -105,21 +144,6 @@ def _starts(length: int, side: int) -> list[int]:
     if count == 1:
         return [max(0, (length - side) // 2)]
     return [round(i * (length - side) / (count - 1)) for i in range(count)]
-
-
-def _peak(candidates: list[tuple[float, float]]) -> float:
-    """Wavelength at the top of the best score per half octave, by a parabola over log-wavelength."""
-    best: dict[int, float] = {}
-    for score, wavelength in candidates:
-        octave = round(2.0 * np.log2(wavelength))
-        # Fewer waves fit into the scan the longer they are, so a long one explains the same share more easily;
-        # below eight pixels pores and fibres do.
-        best[octave] = max(best.get(octave, 0.0), score * wavelength**-0.05 * min(1.0, wavelength / 8.0) ** 0.2)
-    top = max(best, key=lambda octave: best[octave])
-    left, mid, right = (best.get(top + d, 0.0) for d in (-1, 0, 1))
-    curve = left - 2.0 * mid + right
-    shift = 0.5 * (left - right) / curve if curve < 0.0 else 0.0
-    return float(2.0 ** ((top + np.clip(shift, -0.5, 0.5)) / 2.0))
 
 
 def reduce_by(image: npt.NDArray[Any], step: int) -> npt.NDArray[Any]:
