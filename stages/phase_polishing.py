@@ -40,7 +40,7 @@ from stages.variables import (
 Array = npt.NDArray[Any]
 
 #: Pixels are confident from here on; a 95 % residual above the second says that the count of the phase is torn, rad.
-SURE, TORN_RAD = 0.5, 0.9
+SURE, TORN_RAD = 0.5, 0.7
 
 
 class PhasePolishingParams(Params):
@@ -82,7 +82,7 @@ class PhasePolishingParams(Params):
         AZIMUTH_WRAPS,
     ),
     provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
-    version=5,
+    version=6,
     params=PhasePolishingParams,
     sees_block=True,
 )
