@@ -153,9 +153,11 @@ def straight_run(
         In scan px: a twelfth of the radius that nine tenths of the contours exceed, over which a circle leaves its
         tangent by less than a third of a hundredth of that radius; at most a quarter of the wood's thickness.
     """
-    bend, weight = _bends(shape, window, ring_scale_px / step, step, window_px, rays=False)
+    ring = ring_scale_px / step
+    looks = _windows(shape, window, window_px * step, step)
+    bend, weight = _bends(looks, ring, rays=False)
     if rays and weight.sum() < _NOISE * np.count_nonzero(weight):
-        bend, weight = _bends(shape, window, ring_scale_px / step, step, window_px, rays=True)
+        bend, weight = _bends(looks, ring, rays=True)
     shorter = 0.25 * (min(shape) if thick_px is None else thick_px)
     if not bend.size:
         return float(shorter)
@@ -165,19 +167,27 @@ def straight_run(
     return float(min(shorter, 0.08 * step / max(float(sharp), 1e-6)))
 
 
-def _bends(
-    shape: tuple[int, int], window: Window, ring_px: float, step: int, window_px: int, rays: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Curvature of the contours (1/px, analysed) and its weight at all pixels of up to nine windows of a scan."""
+def _windows(
+    shape: tuple[int, int], window: Window, side: int, step: int
+) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
+    """Up to nine windows of a scan with wood in them: each is read once, since that takes long on a large scan."""
     height, width = shape
-    side = window_px * step
-    bends, weights = [np.zeros(0, np.float32)], [np.zeros(0, np.float32)]
+    looks = []
     for row in sorted({max(0, int(part * (height - side))) for part in (0.0, 0.5, 1.0)}):
         for col in sorted({max(0, int(part * (width - side))) for part in (0.0, 0.5, 1.0)}):
             value, valid = window(row, col, min(side, height), min(side, width), step)
-            if min(value.shape) < 8 or valid.mean() < 0.05:
-                continue
-            angle, coherence = orientation(value, valid, max(0.8, 0.12 * ring_px), max(3.0, 0.8 * ring_px), rays=rays)
-            bends.append(curvature(angle, 0.3 * ring_px).ravel())
-            weights.append((coherence * coherence * valid).ravel())
+            if min(value.shape) >= 8 and valid.mean() >= 0.05:
+                looks.append((value, valid))
+    return looks
+
+
+def _bends(
+    looks: list[tuple[FloatArray, npt.NDArray[np.bool_]]], ring_px: float, rays: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Curvature of the contours (1/px, analysed) and its weight at all pixels of windows."""
+    bends, weights = [np.zeros(0, np.float32)], [np.zeros(0, np.float32)]
+    for value, valid in looks:
+        angle, coherence = orientation(value, valid, max(0.8, 0.12 * ring_px), max(3.0, 0.8 * ring_px), rays=rays)
+        bends.append(curvature(angle, 0.3 * ring_px).ravel())
+        weights.append((coherence * coherence * valid).ravel())
     return np.concatenate(bends), np.concatenate(weights)
