@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,16 @@ ROUNDNESS, EXACTNESS = (1.0, 0.5, 0.25, 0.125, 0.06, 0.03), (1.0, 2.0, 4.0, 8.0)
 
 #: Size of distortion up to which a tree is so much rounder than usual that its own growth is used.
 MUCH_ROUNDER = 0.26
+
+#: Growth as it usually is, and with room for what the first look gets wrong.
+USUAL, LOOSE = Growth(), Growth(strength=0.3, tracing=0.2, piece=0.1)
+
+#: Growth as uneven as usual in a tree of any shape: stems are often one tenth wider one way than the other.
+ANY_SHAPE = Growth(eccentric=0.1, oval=0.05, shaped_rings=math.inf)
+
+#: Sawyers cut across the stem within so much of square (one standard deviation, rad). A pith up to so far from square
+#: (rad) is taken for square where oval growth explains the rings up to so many times as badly (squared misfit).
+SQUARE_WITHIN_RAD, NOT_ALONG_RAD, NEARLY_AS_WELL = 0.05, math.radians(65.0), 1.5
 
 #: How often outliers and growth are found in turn.
 ROUNDS = 3
@@ -160,27 +171,40 @@ def fit_pith(
         doubt: FloatArray | None = None,
         stem: FloatArray | None = None,
         roughness: FloatArray | None = None,
+        known: Known = known,
     ) -> Cost:
         # Doubt is told per polyline; a thinned set may lack the last ones.
         evidence = Evidence(part, spacing, growth, doubt, fixed.width_px, stem, roughness)
         return Cost(evidence, size_px, centre, along_face, known, fibers or FiberSight.nothing())
 
-    loose = cost_of(few, Growth(strength=0.3, tracing=0.2, piece=0.1))
+    loose = cost_of(few, LOOSE)
     origin, direction = starts(few, loose, not mirrors)
     if not len(origin):
         raise ValueError("the traced rings do not constrain the pith: no direction fits their tangents")
     parts = np.array_split(np.arange(len(origin)), max(1, len(origin) // 400))
     value = np.concatenate([loose.evidence.rough(origin[i], direction[i]) for i in parts])
     value += loose.prior(origin, direction)
-    first = cost_of(few, Growth())
+    first = cost_of(few, USUAL)
     found = [descend(first, origin[i], direction[i], 2, 15) for i in distinct(loose, value, origin, direction, 8, 30.0)]
     best = min(found, key=lambda line: line[0])
     # From here on growth changes slowly along the stem, which is known well enough by now.
     cost, modes = _along(best, found, cost_of, few, many)
     if abs(float(modes[0][2] @ best[2])) < SAME_STEM:
         cost, modes = _along(modes[0], modes, cost_of, few, many)
+    square = not solid and fixed.tilt_deg is None and fixed.azimuth_deg is None and _is_square(modes[0], cost_of, few)
+    if square:
+        held = partial(cost_of, known=replace(known, tilt=0.0))
+        first = held(few, USUAL)
+        origin, direction = starts(few, held(few, LOOSE), False)
+        value = first.evidence.rough(origin, direction)
+        found = [
+            descend(first, origin[i], direction[i], 2, 15) for i in distinct(first, value, origin, direction, 4, 60.0)
+        ]
+        cost, modes = _along(min(found, key=lambda line: line[0]), found, held, few, many)
     steps = explore(cost, modes, np.random.default_rng(seed))
     (energy, point, along), spread = middle(cost, modes[0], steps, mirrors)
+    if square:
+        spread[:2] = np.maximum(spread[:2], SQUARE_WITHIN_RAD)
     # A tree that strays farther from round than usual leaves its pith less sure (reduced chi-square).
     spread = spread * max(1.0, math.sqrt(cost.evidence.unevenness(point, along)))
     if not solid:
@@ -206,8 +230,29 @@ def _wandering(
     return np.concatenate([spread[:2], np.hypot(spread[2:], away)])
 
 
+def _is_square(mode: Line, cost_of: Callable[..., Cost], rings: RingPoints) -> bool:
+    """Whether a tree of any usual shape, cut square to its stem, explains the rings as well as the likeliest line.
+
+    An ellipse is a tilted circle or an oval tree. Trees are oval and cuts across the stem are square, so that rule holds
+    unless the face lies along the stem or the rings are farther from round than trees are.
+    """
+    if abs(float(mode[2][2])) < math.cos(NOT_ALONG_RAD):
+        return False
+    shaped, held = cost_of(rings, ANY_SHAPE), cost_of(rings, ANY_SHAPE, known=Known(tilt=0.0))
+    origin, direction = starts(rings, held, False)
+    value = held.evidence.rough(origin, direction)
+    found = [descend(held, origin[i], direction[i], 2, 15) for i in distinct(held, value, origin, direction, 4, 60.0)]
+    lines = [min(found, key=lambda line: line[0]), descend(shaped, mode[1], mode[2])]
+    upright, tilted = (float(shaped.evidence.rounded(line[1][None], line[2][None])[3][0]) for line in lines)
+    return upright <= NEARLY_AS_WELL * tilted
+
+
 def _along(
-    best: Line, found: list[Line], cost_of: Callable[..., Cost], few: RingPoints, many: RingPoints
+    best: Line,
+    found: list[Line],
+    cost_of: Callable[..., Cost],
+    few: RingPoints,
+    many: RingPoints,
 ) -> tuple[Cost, list[Line]]:
     """Cost with growth as it shows about the best line, changing slowly along it, and its likeliest lines.
 
@@ -219,7 +264,7 @@ def _along(
     doubt = cost.evidence.doubtful(point, stem)
     if doubt.any():
         cost = cost_of(many, growth, doubt, stem)
-    if growth != Growth():
+    if growth != USUAL:
         for _ in range(ROUNDS):
             cost = cost_of(many, growth, doubt, stem, cost.evidence.rougher(point, stem))
         cost.evidence.calibrate(point, stem)
@@ -229,17 +274,16 @@ def _along(
 def _shown_growth(best: Line, cost_of: Callable[..., Cost], rings: RingPoints) -> Growth:
     """Growth under which the vertices surprise least about the best line, where much rounder than usual; else usual."""
     _, point, stem = best
-    usual = Growth()
-    doubt = cost_of(rings, usual, stem=stem).evidence.doubtful(point, stem)
+    doubt = cost_of(rings, USUAL, stem=stem).evidence.doubtful(point, stem)
     # Tracing is never taken for more exact against the distortion than usual: what the distortion's model does not
     # foresee would then pass for a tilt of the pith.
-    tried = [usual.scaled(size, size * exactness) for size in ROUNDNESS for exactness in EXACTNESS]
+    tried = [USUAL.scaled(size, size * exactness) for size in ROUNDNESS for exactness in EXACTNESS]
     roughness = None
     for _ in range(ROUNDS):
         tries = [cost_of(rings, growth, doubt, stem, roughness).evidence for growth in tried]
         least = min(tries, key=lambda evidence: evidence.surprise(point, stem))
         roughness = least.rougher(point, stem)
-    return least.growth if least.growth.strength <= MUCH_ROUNDER * usual.strength else usual
+    return least.growth if least.growth.strength <= MUCH_ROUNDER * USUAL.strength else USUAL
 
 
 def _modes(cost: Cost, found: list[Line]) -> list[Line]:

@@ -22,13 +22,9 @@ from woodfit.pith_energy import RingPoints, frames_of
 
 FloatArray = npt.NDArray[np.float64]
 
-#: One standard deviation of eccentric and oval growth (shares of the radius), and of taper (share of the radius in
-#: one ring width along the stem).
-ECCENTRIC, OVAL, TAPER = 0.04, 0.02, 0.002
-
-#: How far along the stem, in ring widths, until the shape has changed by as much again; how many rings a tree has
-#: until its shape no longer counts as a share of the radius (far from the pith that would explain any rings).
-CHANGE_RINGS, SHAPED_RINGS = 30.0, 12.0
+#: One standard deviation of taper (share of the radius in one ring width along the stem), and how far along the stem,
+#: in ring widths, until the shape has changed by as much again.
+TAPER, CHANGE_RINGS = 0.002, 30.0
 
 #: Log width of a ring: scatter from year to year and of the level, and the share of each kept from the year before.
 YEAR_SCATTER, YEAR_MEMORY, LEVEL_SCATTER, LEVEL_MEMORY = 0.25, 0.5, 0.2, 0.97
@@ -69,6 +65,11 @@ class Growth:
         By how much it reaches farther along the stem, where its direction is known: growth there changes slowly.
     tracing, piece : float
         Standard deviation of a vertex, and of a whole polyline, about the true boundary.
+    eccentric, oval : float
+        Standard deviation of eccentric and oval growth, shares of the radius.
+    shaped_rings : float
+        How many rings a tree has until its shape no longer counts as a share of the radius: far from the pith that would
+        explain any rings.
     """
 
     strength: float = 0.2
@@ -76,6 +77,9 @@ class Growth:
     along: float = 2.5
     tracing: float = 0.1
     piece: float = 0.05
+    eccentric: float = 0.04
+    oval: float = 0.02
+    shaped_rings: float = 12.0
 
     def scaled(self, strength: float, tracing: float) -> Growth:
         """As uneven and as inexactly traced as so many times this, but not traced better than anything is."""
@@ -186,7 +190,8 @@ class Evidence:
         across, inward = frames_of(direction)
         x, y = np.einsum("lkc,lc->lk", away, across), np.einsum("lkc,lc->lk", away, inward)
         up = (height - height.mean(axis=1, keepdims=True)) / (CHANGE_RINGS * self.spacing_px)
-        shapes = np.stack([ECCENTRIC * x, ECCENTRIC * y, OVAL * (x * x - y * y) / r, 2.0 * OVAL * x * y / r], axis=-1)
+        aside, oval = self.growth.eccentric, self.growth.oval
+        shapes = np.stack([aside * x, aside * y, oval * (x * x - y * y) / r, 2.0 * oval * x * y / r], axis=-1)
         taper = TAPER * CHANGE_RINGS * r * up
         return np.concatenate([shapes, shapes * up[..., None], taper[..., None]], axis=-1)
 
@@ -221,7 +226,7 @@ class Evidence:
         away, r, height = self._radii(origin, direction)
         width = self.typical(r @ self.mean_of.T)
         basis = self._shapes(away, r, height, direction)
-        basis /= (width * (1.0 + r.mean(axis=1) / (SHAPED_RINGS * width)))[:, None, None]
+        basis /= (width * (1.0 + r.mean(axis=1) / (self.growth.shaped_rings * width)))[:, None, None]
         lines, count, shapes = basis.shape
         weighed = (self.precision @ np.moveaxis(basis, 0, 1).reshape(count, -1)).reshape(count, lines, shapes)
         weighed = np.moveaxis(weighed, 1, 0)

@@ -45,11 +45,13 @@ class Known:
     ----------
     point : coordinates of the point nearest to the centre, px
     tilt, azimuth : angles in rad
+    tilt_scatter : standard deviation of what is known of the tilt, rad
     """
 
     point: tuple[float | None, float | None, float | None] = (None, None, None)
     tilt: float | None = None
     azimuth: float | None = None
+    tilt_scatter: float = 0.004
 
     @property
     def side(self) -> bool:
@@ -102,7 +104,7 @@ class Cost:
             if value is not None:
                 cost = cost + 0.5 * ((foot[:, axis] - value) / (0.002 * self.size_px)) ** 2
         if self.known.tilt is not None:
-            cost = cost + 0.5 * ((np.arccos(upright) - self.known.tilt) / 0.004) ** 2
+            cost = cost + 0.5 * ((np.arccos(upright) - self.known.tilt) / self.known.tilt_scatter) ** 2
         if self.known.azimuth is not None:
             towards = np.array([math.cos(self.known.azimuth), math.sin(self.known.azimuth)])
             sense = np.where(direction[:, 2] < 0.0, -1.0, 1.0)

@@ -26,6 +26,11 @@ VESSELS = 1.24
 #: Disk that vessels do not fill, and blur of what they leave, at the reduction at which they are small spots.
 _RADIUS_PX, _BLUR_PX = 3, 2.0
 
+#: Ring width in px below which no vessels are sought: a ring as wide as two disks is the least whose density of vessels
+#: changes. In narrower rings the thin latewood, which no two pixels of a streamline meet alike, passes for vessels. At a
+#: reduction only wider rings are left sharp.
+_LEAST_RING_PX, _LEAST_REDUCED_PX = 2.0 * (2 * _RADIUS_PX + 1), 20.0
+
 
 def vessel_evidence(value: FloatArray, valid: npt.NDArray[np.bool_]) -> float:
     """How much farther dark spots stand out of the fine texture than bright ones; about 1 without vessels.
@@ -74,7 +79,7 @@ def vessel_scale(
     height, width = shape
     best, found = VESSELS, 0
     step = 1
-    while step == 1 or ring_scale_px / step >= 20.0:
+    while ring_scale_px / step >= (_LEAST_RING_PX if step == 1 else _LEAST_REDUCED_PX):
         side = window_px * step
         evidence = []
         for part in (0.2, 0.5, 0.8):
