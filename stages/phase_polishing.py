@@ -39,8 +39,9 @@ from stages.variables import (
 
 Array = npt.NDArray[Any]
 
-#: Pixels are confident from here on; a 95 % residual above the second says that the count of the phase is torn, rad.
-SURE, TORN_RAD = 0.5, 0.7
+#: Pixels are confident from here on; a 95 % residual above the second (rad), or a share of the traced boundaries above
+#: the third that lie a ring off, says that the count of the phase may be wrong.
+SURE, TORN_RAD, CONTRADICTED = 0.5, 0.7, 0.01
 
 
 class PhasePolishingParams(Params):
@@ -82,7 +83,7 @@ class PhasePolishingParams(Params):
         AZIMUTH_WRAPS,
     ),
     provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
-    version=6,
+    version=7,
     params=PhasePolishingParams,
     sees_block=True,
 )
@@ -134,10 +135,11 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         return found, age, wrap(phase - 2.0 * np.pi * age).astype(np.float32)
 
     found, age, residual = polished(counted.numbered(start_age[thinned], belief[thinned] ** 2)[seen])
-    if _worst(residual, belief) > TORN_RAD:
-        # Where the phase misses rings that were traced, its count may fit worse than that of the tracing.
+    if _worst(residual, belief) > TORN_RAD or found.contradicted > CONTRADICTED:
+        # Where the phase misses rings that were traced, its count may fit worse than that of the tracing. Two sides of
+        # the pith that it joins a ring off fit as well, but for the boundaries.
         traced = polished(None)
-        if traced[0].loss[-1] < found.loss[-1]:
+        if traced[0].loss[-1] < found.loss[-1] * (1.0 + found.contradicted - traced[0].contradicted):
             found, age, residual = traced
     figures = {"loss": round(float(found.loss[-1]), 4)}
     sure = np.abs(residual[belief > SURE])

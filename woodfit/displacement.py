@@ -283,10 +283,21 @@ def _robust_fit(
 
 @dataclass(frozen=True)
 class Polished:
-    """Result of `polish`: displacement (float32, of the grid's shape) and the loss after each step."""
+    """Result of `polish`.
+
+    Attributes
+    ----------
+    displacement : float32 array of the grid's shape
+        Px.
+    loss : array
+        Cyclic loss before the first step and after each.
+    contradicted : float
+        Share of the boundary vertices, by weight, that lie more than half a ring off; 0 where it was not asked.
+    """
 
     displacement: npt.NDArray[np.float32]
     loss: npt.NDArray[np.float64]
+    contradicted: float = 0.0
 
 
 def cyclic_loss(difference_rad: Array, weight: Array) -> float:
@@ -374,7 +385,10 @@ def polish(
         field = torch.from_numpy(smooth.astype(np.float32).reshape(-1))
         age, _ = age_of_radius(pixels.radius + at_pixels.at(field).numpy(), ring_radius)
         losses.append(cyclic_loss(pixels.target - 2.0 * np.pi * age, pixels.weight))
-    return Polished(field.view(grid.shape).numpy().copy(), np.asarray(losses))
+    vertex_age, _ = age_of_radius(boundaries.radius + at_vertices.at(field).numpy(), ring_radius)
+    off = boundaries.weight[np.abs(boundaries.target - vertex_age) > 0.5]
+    contradicted = float(off.sum() / max(float(boundaries.weight.sum()), 1e-9))
+    return Polished(field.view(grid.shape).numpy().copy(), np.asarray(losses), contradicted)
 
 
 def tensor(values: Array) -> torch.Tensor:

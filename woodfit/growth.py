@@ -241,7 +241,7 @@ def find_growth(
     # On a face that shows both sides of the tree the edges' directions part at the pith, or meet there.
     parting = outward_flux(_expand(cells, np.sign(stepped), normal), confidence * valid, ring_scale_px)
     bends = (1.5 - 1.1 * along_stem) * _turn(cells, valid, ring_scale_px) * lead
-    vote = bends + 5.0 * parting + float(np.clip((pores + 0.8) / 0.3, -1.2, 0.6)) + 0.1
+    vote = bends + 5.0 * parting + float(np.clip((pores + 0.8) / 0.3, -1.2, 1.2)) + 0.1
     # Conifer is the rule; geometry or pores must speak clearly against it.
     outwards = vote > 0.0 if bright_outwards is None else bright_outwards
     sureness = 0.5 + 0.5 * min(1.0, abs(vote) / 1.2) if bright_outwards is None else 1.0
