@@ -110,7 +110,7 @@ class PoseParams(Params):
         POSE_UNDETERMINED,
         STEM,
     ),
-    version=5,
+    version=6,
     params=PoseParams,
     sees_block=True,
 )

@@ -231,6 +231,18 @@ def test_polishing_finds_a_known_displacement_from_within_a_quarter_turn() -> No
     assert np.percentile(wrong, 99) < 0.5
 
 
+def test_boundaries_that_the_count_contradicts_are_told() -> None:
+    grid, pixels, vertices, result = polished()
+    assert result.contradicted == 0.0
+    inner = vertices.target <= np.median(vertices.target)
+    off = replace(vertices, target=vertices.target + np.where(inner, 0.0, 1.0))
+    count = pixels.target / (2.0 * np.pi)
+    whole = np.round(age_of_radius(pixels.radius + displaced(pixels.radius, pixels.azimuth, pixels.height), TABLE)[0])
+    turns = whole + wrapped(2.0 * np.pi * (count - whole)) / (2.0 * np.pi)
+    again = polish(grid, np.zeros(grid.shape), pixels, off, TABLE, STIFFNESS, 2.0, count=turns)
+    assert again.contradicted == pytest.approx(off.weight[~inner].sum() / off.weight.sum(), abs=0.02)
+
+
 def test_polishing_lowers_the_loss() -> None:
     grid, pixels, _, result = polished()
     assert len(result.loss) == len(STIFFNESS) + 1

@@ -128,3 +128,14 @@ def test_sides_that_part_at_the_pith_outweigh_streaks_like_those_of_vessels() ->
     meeting = find_growth(normal + np.pi, asymmetry, np.full(shape, 0.6), wood(shape), 16.0, pores=-1.6, along_stem=1.0)
     assert not meeting.bright_outwards
     npt.assert_allclose(np.cos(meeting.direction - streaked.direction), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("pores", "bright"), [(-0.1, True), (-1.6, False)])
+def test_a_bowed_board_without_vessels_brightens_outwards(pores: float, bright: bool) -> None:
+    # Rings that bow against their edges: of a stem that is not straight, or of ring-porous wood.
+    shape = (260, 260)
+    x, y = pixels(shape)
+    field, _ = field_of(conifer((x + 14.0 * np.cos((y - 130.0) / 67.0)) / 22.0) + noise(shape, 0.02), 22.0)
+    growth = find_growth(field.normal, field.asymmetry, field.explained, wood(shape), 22.0, pores=pores, along_stem=0.6)
+    assert growth.bright_outwards == bright
+    assert (np.sign(np.cos(growth.direction)) == (1.0 if bright else -1.0)).mean() > 0.98

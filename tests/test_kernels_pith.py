@@ -106,6 +106,35 @@ def test_uneven_years_do_not_turn_the_pith_line(cut: str, seed: int) -> None:
     assert across < 10.0
 
 
+def elliptic_rings(aspect: float, width: float = 14.0) -> RingPoints:
+    """Boundaries around (260, 180) that are `aspect` times as long along one way as across it."""
+    x, y = np.moveaxis(face_points(), -1, 0)[:2] - np.array([260.0, 180.0])[:, None, None]
+    radius = np.hypot(0.8 * x + 0.6 * y, (0.8 * y - 0.6 * x) / aspect)
+    lines = [(age, line) for age in range(1, 18) for line in find_contours(radius, width * age) if len(line) >= 30]
+    ages = np.array([age for age, _ in lines])
+    vertices = [line[:, ::-1].copy() for _, line in lines]
+    return sample_rings(vertices, [np.ones(len(one)) for one in vertices], ages, np.zeros(len(ages), int))
+
+
+@pytest.mark.parametrize("aspect", [1.0, 1.06, 1.12])
+def test_an_oval_end_grain_is_square_to_its_stem_and_its_tilt_is_open(aspect: float) -> None:
+    # A round stem would have to be cut up to 27 degrees aslant.
+    pith = fit_pith(elliptic_rings(aspect), 480.0)
+    assert abs(pith.direction[2]) > np.cos(np.radians(1.0))
+    assert np.hypot(*(pith.point[:2] - [260.0, 180.0])) < 0.3 * 14.0
+    assert undetermined(pith, Face(0.0, 0.0, 479.0, 399.0), 14.0).tolist() == [True, True, False, False]
+
+
+def test_rings_longer_than_any_tree_is_oval_are_cut_aslant() -> None:
+    pith = fit_pith(elliptic_rings(2.0), 480.0)
+    assert np.degrees(np.arccos(abs(pith.direction[2]))) == pytest.approx(60.0, abs=3.0)
+
+
+def test_a_known_tilt_is_kept_on_oval_end_grain() -> None:
+    pith = fit_pith(elliptic_rings(1.06), 480.0, fixed=Fixed((None, None, None), 19.0, None))
+    assert np.degrees(np.arccos(abs(pith.direction[2]))) == pytest.approx(19.0, abs=1e-6)
+
+
 def test_a_pith_under_the_face_is_expected_neither_next_to_it_nor_far_below() -> None:
     _, rings = drawn_rings(*line((200.0, 0.0, 120.0), (0.0, 1.0, 0.0)), even(16.0))
     size, centre = 400.0, np.array([200.0, 150.0, 0.0])

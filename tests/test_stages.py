@@ -263,6 +263,21 @@ def test_polishing_brings_model_and_phase_together(name: str) -> None:
     npt.assert_allclose(wrapped(ds["phase_residual"].values - residual), 0.0, atol=1e-3)
 
 
+def test_a_ring_too_many_where_the_phase_is_faint_does_not_shift_what_lies_behind() -> None:
+    ds, _ = chain("quarter_sawn")
+    middle = ds.sizes["x"] // 2
+    ramp = np.clip((np.arange(ds.sizes["x"]) - middle + 6) / 12.0, 0.0, 1.0)
+    strip = slice(middle - 6, middle + 6)
+    phase, belief = ds["ring_phase"].copy(deep=True), ds["phase_confidence"].copy(deep=True)
+    phase.values[:] = wrapped(phase.values + 2 * np.pi * ramp)
+    belief.values[:, strip] = 0.06
+    torn = ds.drop_vars(["polished_displacement", "face_age", "phase_residual", "loss"])
+    torn = torn.assign(ring_phase=phase, phase_confidence=belief)
+    wrong = phase_polishing(torn, phase_polishing.params_type())["face_age"].values - drawn("quarter_sawn").face.age
+    wrong = np.delete(wrong - np.round(np.median(wrong)), strip, axis=1)
+    assert (np.abs(wrong) < 0.25).mean() > 0.9
+
+
 @each_scene
 def test_the_strip_has_a_place_for_every_age_of_the_face(name: str) -> None:
     ds, _ = chain(name)

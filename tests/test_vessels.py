@@ -110,6 +110,11 @@ def test_vessels_are_seen_where_they_are_small_spots() -> None:
         assert scale_of(large, 39.0) in (0, 1)
 
 
+def test_rings_too_narrow_for_a_density_have_no_vessels() -> None:
+    assert scale_of(dots(1.5, 9), 13.0) == 0
+    assert scale_of(dots(1.5, 9), 15.0) == 1
+
+
 # --- density --------------------------------------------------------------------------------------------------------
 
 

@@ -98,8 +98,8 @@ class Fixed:
     @property
     def known(self) -> Known:
         """The same for the search."""
-        angles = (None if angle is None else math.radians(angle) for angle in (self.tilt_deg, self.azimuth_deg))
-        return Known(self.point, *angles)
+        tilt, azimuth = (None if angle is None else math.radians(angle) for angle in (self.tilt_deg, self.azimuth_deg))
+        return Known(self.point, tilt, azimuth)
 
     def overrule(self, point: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Put the known values in place of fitted ones."""
@@ -177,15 +177,7 @@ def fit_pith(
         evidence = Evidence(part, spacing, growth, doubt, fixed.width_px, stem, roughness)
         return Cost(evidence, size_px, centre, along_face, known, fibers or FiberSight.nothing())
 
-    loose = cost_of(few, LOOSE)
-    origin, direction = starts(few, loose, not mirrors)
-    if not len(origin):
-        raise ValueError("the traced rings do not constrain the pith: no direction fits their tangents")
-    parts = np.array_split(np.arange(len(origin)), max(1, len(origin) // 400))
-    value = np.concatenate([loose.evidence.rough(origin[i], direction[i]) for i in parts])
-    value += loose.prior(origin, direction)
-    first = cost_of(few, USUAL)
-    found = [descend(first, origin[i], direction[i], 2, 15) for i in distinct(loose, value, origin, direction, 8, 30.0)]
+    found = _found(cost_of, few, USUAL, not mirrors)
     best = min(found, key=lambda line: line[0])
     # From here on growth changes slowly along the stem, which is known well enough by now.
     cost, modes = _along(best, found, cost_of, few, many)
@@ -194,16 +186,12 @@ def fit_pith(
     square = not solid and fixed.tilt_deg is None and fixed.azimuth_deg is None and _is_square(modes[0], cost_of, few)
     if square:
         held = partial(cost_of, known=replace(known, tilt=0.0))
-        first = held(few, USUAL)
-        origin, direction = starts(few, held(few, LOOSE), False)
-        value = first.evidence.rough(origin, direction)
-        found = [
-            descend(first, origin[i], direction[i], 2, 15) for i in distinct(first, value, origin, direction, 4, 60.0)
-        ]
+        found = _found(held, few, USUAL, False)
         cost, modes = _along(min(found, key=lambda line: line[0]), found, held, few, many)
     steps = explore(cost, modes, np.random.default_rng(seed))
     (energy, point, along), spread = middle(cost, modes[0], steps, mirrors)
     if square:
+        # A tilt is not seen: how square cuts are is all that is known.
         spread[:2] = np.maximum(spread[:2], SQUARE_WITHIN_RAD)
     # A tree that strays farther from round than usual leaves its pith less sure (reduced chi-square).
     spread = spread * max(1.0, math.sqrt(cost.evidence.unevenness(point, along)))
@@ -230,19 +218,30 @@ def _wandering(
     return np.concatenate([spread[:2], np.hypot(spread[2:], away)])
 
 
+def _found(cost_of: Callable[..., Cost], rings: RingPoints, growth: Growth, both_sides: bool) -> list[Line]:
+    """Likely lines of a first look, from brute force and a short descent."""
+    loose, cost = cost_of(rings, LOOSE), cost_of(rings, growth)
+    origin, direction = starts(rings, loose, both_sides)
+    if not len(origin):
+        raise ValueError("the traced rings do not constrain the pith: no direction fits their tangents")
+    parts = np.array_split(np.arange(len(origin)), max(1, len(origin) // 400))
+    value = np.concatenate([loose.evidence.rough(origin[i], direction[i]) for i in parts])
+    value += loose.prior(origin, direction)
+    return [descend(cost, origin[i], direction[i], 2, 15) for i in distinct(loose, value, origin, direction, 8, 30.0)]
+
+
 def _is_square(mode: Line, cost_of: Callable[..., Cost], rings: RingPoints) -> bool:
     """Whether a tree of any usual shape, cut square to its stem, explains the rings as well as the likeliest line.
 
-    An ellipse is a tilted circle or an oval tree. Trees are oval and cuts across the stem are square, so that rule holds
-    unless the face lies along the stem or the rings are farther from round than trees are.
+    An ellipse is a tilted circle or an oval tree. Trees are oval and cuts across the stem are square, so that is the
+    rule unless the face lies along the stem or the rings are farther from round than trees are.
     """
     if abs(float(mode[2][2])) < math.cos(NOT_ALONG_RAD):
         return False
-    shaped, held = cost_of(rings, ANY_SHAPE), cost_of(rings, ANY_SHAPE, known=Known(tilt=0.0))
-    origin, direction = starts(rings, held, False)
-    value = held.evidence.rough(origin, direction)
-    found = [descend(held, origin[i], direction[i], 2, 15) for i in distinct(held, value, origin, direction, 4, 60.0)]
-    lines = [min(found, key=lambda line: line[0]), descend(shaped, mode[1], mode[2])]
+    shaped = cost_of(rings, ANY_SHAPE)
+    held = partial(cost_of, known=replace(shaped.known, tilt=0.0))
+    upright_lines = _found(held, rings, ANY_SHAPE, False)
+    lines = [min(upright_lines, key=lambda line: line[0]), descend(shaped, mode[1], mode[2])]
     upright, tilted = (float(shaped.evidence.rounded(line[1][None], line[2][None])[3][0]) for line in lines)
     return upright <= NEARLY_AS_WELL * tilted
 

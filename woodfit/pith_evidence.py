@@ -68,8 +68,8 @@ class Growth:
     eccentric, oval : float
         Standard deviation of eccentric and oval growth, shares of the radius.
     shaped_rings : float
-        How many rings a tree has until its shape no longer counts as a share of the radius: far from the pith that would
-        explain any rings.
+        How many rings a tree has until its shape no longer counts as a share of the radius: far from the pith that
+        would explain any rings.
     """
 
     strength: float = 0.2

@@ -3,7 +3,8 @@
 From points along each boundary a walk goes outwards until it meets the next one and counts the cycles of the
 frequency field on its way. Each meeting is a vote "index of b = index of a + n"; votes are joined from the strongest
 down. A gap in one place is bridged by another, and where the count says that a boundary was missed, the index says so
-too.
+too. Across the pith of a board the count is least sure, but there both sides show the same rings: see
+`woodfit.ring_sides`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
+from woodfit.ring_sides import Widths, matched_shift, sides_of
 
 #: Stands for a phase that is not known.
 _UNKNOWN = 1e6
@@ -178,6 +181,22 @@ def distance_outwards(
     )
 
 
+@dataclass(frozen=True)
+class _Votes:
+    """What the walks between boundaries, numbered from 1, have met.
+
+    Attributes
+    ----------
+    weight : dict
+        Weight of each vote (a, b, n), a < b: the index of b is n more than that of a.
+    way : dict
+        Ways in px from a boundary outwards to the next, (a, b).
+    """
+
+    weight: dict[tuple[int, int, int], float]
+    way: dict[tuple[int, int], list[float]]
+
+
 def _votes(
     polylines: Sequence[npt.NDArray[np.float64]],
     closed: Sequence[bool],
@@ -185,19 +204,19 @@ def _votes(
     frequency: npt.NDArray[Any],
     phase: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
-) -> dict[tuple[int, int, int], float]:
-    """Weight of each vote (a, b, n): the index of b is n more than that of a."""
+) -> _Votes:
+    """Ask along every boundary which one comes next, outwards and inwards."""
     labels = draw_labels(polylines, closed, growth.shape)
     grow_x, grow_y = np.cos(growth).astype(np.float32), np.sin(growth).astype(np.float32)
     freq = np.ascontiguousarray(frequency, np.float32)
     wave = np.ascontiguousarray(phase, np.float32)
     height, width = growth.shape
-    votes: dict[tuple[int, int, int], float] = {}
+    votes = _Votes({}, {})
     for number, points in enumerate(polylines, start=1):
         for x, y in points[:: max(1, min(4, len(points) // 12))]:
             x, y = float(np.clip(x, 0, width - 1)), float(np.clip(y, 0, height - 1))
             for outwards in (1.0, -1.0):
-                met, cycles, _, turned = _meet(labels, grow_x, grow_y, freq, wave, valid, x, y, number, outwards, 4.6)
+                met, cycles, way, turned = _meet(labels, grow_x, grow_y, freq, wave, valid, x, y, number, outwards, 4.6)
                 if met == 0 or met == number:
                     continue
                 # A ring may be half as wide again as its neighbours: it takes most of a second cycle to say that one
@@ -206,9 +225,64 @@ def _votes(
                 # Counting one ring is certain, counting several less and less so.
                 weight = 0.3 if turned else 1.0 / max(1.0, cycles) ** 2
                 a, b = (number, met) if outwards > 0 else (met, number)
+                if apart == 1:
+                    votes.way.setdefault((a, b), []).append(way)
                 key = (a, b, apart) if a < b else (b, a, -apart)
-                votes[key] = votes.get(key, 0.0) + weight
+                votes.weight[key] = votes.weight.get(key, 0.0) + weight
     return votes
+
+
+class _Forest:
+    """Boundaries joined by votes: trees whose nodes know their index relative to their root."""
+
+    def __init__(self, count: int) -> None:
+        self._parent, self._offset = list(range(count)), [0] * count
+
+    def find(self, node: int) -> tuple[int, int]:
+        """Root of a node, and its index above that of the root."""
+        above = 0
+        while self._parent[node] != node:
+            above += self._offset[node]
+            node = self._parent[node]
+        return node, above
+
+    def join(self, a: int, b: int, apart: int) -> None:
+        """Let the index of b be `apart` more than that of a, unless both already hang together."""
+        (root_a, above_a), (root_b, above_b) = self.find(a), self.find(b)
+        if root_a != root_b:
+            self._parent[root_b] = root_a
+            self._offset[root_b] = above_a + apart - above_b
+
+
+def _clearest(votes: dict[tuple[int, int, int], float]) -> list[tuple[int, int, int]]:
+    """The strongest vote of each pair, the clearest majority first."""
+    # A pair's rival votes weaken each other: a clear majority joins first.
+    best: dict[tuple[int, int], tuple[float, int]] = {}
+    total: dict[tuple[int, int], float] = {}
+    for (a, b, apart), weight in votes.items():
+        total[a, b] = total.get((a, b), 0.0) + weight
+        if weight > best.get((a, b), (0.0, 0))[0]:
+            best[a, b] = (weight, apart)
+    ranked = sorted(best, key=lambda pair: (-(2.0 * best[pair][0] - total[pair]), pair))
+    return [(a, b, best[a, b][1]) for a, b in ranked]
+
+
+def _match_sides(forest: _Forest, counted: _Forest, votes: _Votes, side: npt.NDArray[np.int64]) -> None:
+    """Join the two sides of the pith where the widths of their rings contradict the count across it."""
+    widths: dict[int, dict[int, list[float]]] = {}
+    for (a, b), ways in votes.way.items():
+        (root_a, above_a), (root_b, above_b) = forest.find(a - 1), forest.find(b - 1)
+        if root_a == root_b and above_b - above_a == 1 and side[a - 1] != 0:
+            widths.setdefault(root_a, {}).setdefault(above_a, []).extend(ways)
+    middle: dict[int, Widths] = {
+        root: {index: float(np.median(ways)) for index, ways in of.items()} for root, of in widths.items()
+    }
+    roots = sorted(middle, key=lambda root: -len(middle[root]))
+    for one, other in ((a, b) for a in roots for b in roots if side[a] > 0 > side[b]):
+        (root_a, above_a), (root_b, above_b) = counted.find(one), counted.find(other)
+        more = matched_shift(middle[one], middle[other], above_b - above_a) if root_a == root_b else 0
+        if more != 0:
+            forest.join(one, other, above_b - above_a + more)
 
 
 def order_rings(
@@ -241,34 +315,21 @@ def order_rings(
     count = len(polylines)
     wave = np.full(growth.shape, _UNKNOWN, np.float32) if phase is None else phase
     votes = _votes(polylines, closed, growth, frequency, wave, valid)
-    parent = list(range(count))
-    offset = [0] * count
-
-    def find(node: int) -> tuple[int, int]:
-        above = 0
-        while parent[node] != node:
-            above += offset[node]
-            node = parent[node]
-        return node, above
-
-    # A pair's rival votes weaken each other: a clear majority joins first.
-    best: dict[tuple[int, int], tuple[float, int]] = {}
-    total: dict[tuple[int, int], float] = {}
-    for (a, b, apart), weight in votes.items():
-        total[a, b] = total.get((a, b), 0.0) + weight
-        if weight > best.get((a, b), (0.0, 0))[0]:
-            best[a, b] = (weight, apart)
-    ranked = sorted(best, key=lambda pair: (-(2.0 * best[pair][0] - total[pair]), pair))
-    for a, b in ranked:
-        weight, apart = best[a, b]
-        (root_a, above_a), (root_b, above_b) = find(a - 1), find(b - 1)
-        if root_a != root_b:
-            # index(b) - index(a) = apart, and index(x) = index(root) + above.
-            parent[root_b] = root_a
-            offset[root_b] = above_a + apart - above_b
+    forest = _Forest(count)
+    for a, b, apart in _clearest(votes.weight):
+        forest.join(a - 1, b - 1, apart)
+    side = sides_of(polylines, growth)
+    if side.any():
+        counted, forest = forest, _Forest(count)
+        one_side = {key: weight for key, weight in votes.weight.items() if side[key[0] - 1] * side[key[1] - 1] > 0}
+        for a, b, apart in _clearest(one_side):
+            forest.join(a - 1, b - 1, apart)
+        _match_sides(forest, counted, votes, side)
+        for a, b, apart in _clearest(votes.weight):
+            forest.join(a - 1, b - 1, apart)
     roots, index = np.zeros(count, np.int64), np.zeros(count, np.int64)
     for node in range(count):
-        roots[node], index[node] = find(node)
+        roots[node], index[node] = forest.find(node)
     length = np.array([len(points) for points in polylines], np.float64)
     names, inverse = np.unique(roots, return_inverse=True) if count else (np.zeros(0), np.zeros(0, int))
     mass = np.bincount(inverse, weights=length, minlength=len(names)) if count else np.zeros(0)
@@ -278,7 +339,7 @@ def order_rings(
     for number in range(len(names)):
         members = group == number
         index[members] += 1 - index[members].min()
-    return Order(index, group, _agreement(votes, index, group))
+    return Order(index, group, _agreement(votes.weight, index, group))
 
 
 def _agreement(

@@ -16,6 +16,7 @@ from woodfit.infill import missed_boundaries
 from woodfit.ring_belief import believe, mean_slope, without_doubtful, without_faint
 from woodfit.ring_closure import close_rings, describe_uneven
 from woodfit.ring_order import Order, order_rings
+from woodfit.ring_sides import without_streaks
 from woodfit.streamlines import smooth_along
 from woodfit.trace_spacing import kept_apart, without_doubles
 from woodfit.tracing import Trace, trace_rings
@@ -217,7 +218,11 @@ def find_rings(
     if growth.bright_outwards:
         kept = _onto_latewood(kept, along, growth.direction, frequency)
     kept = kept_apart(kept, valid.shape)
-    order = order_rings([t.points for t in kept], [t.closed for t in kept], growth.direction, frequency, valid, phase)
+    order = _ordered(kept, growth, frequency, valid, phase)
+    if pith is None and not dotted:
+        clear = without_streaks(kept, order.index, growth.direction, strength, ring_scale_px)
+        if clear is not kept:
+            kept, order = clear, _ordered(clear, growth, frequency, valid, phase)
     if pith is not None:
         kept, order = close_rings(kept, order, pith, strength, frequency, valid)
     elif along_stem > 0.9 and not dotted:
@@ -234,6 +239,17 @@ def find_rings(
         strength,
         pith,
     )
+
+
+def _ordered(
+    traces: list[Trace],
+    growth: Growth,
+    frequency: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+    phase: FloatArray,
+) -> Order:
+    points, closed = [trace.points for trace in traces], [trace.closed for trace in traces]
+    return order_rings(points, closed, growth.direction, frequency, valid, phase)
 
 
 def _onto_edges(

@@ -26,9 +26,9 @@ VESSELS = 1.24
 #: Disk that vessels do not fill, and blur of what they leave, at the reduction at which they are small spots.
 _RADIUS_PX, _BLUR_PX = 3, 2.0
 
-#: Ring width in px below which no vessels are sought: a ring as wide as two disks is the least whose density of vessels
-#: changes. In narrower rings the thin latewood, which no two pixels of a streamline meet alike, passes for vessels. At a
-#: reduction only wider rings are left sharp.
+#: Ring width in px below which no vessels are sought, and at a reduction. A ring as wide as two disks is the least
+#: whose density of vessels changes; in narrower ones the thin latewood, which no two pixels of a streamline meet alike,
+#: passes for vessels.
 _LEAST_RING_PX, _LEAST_REDUCED_PX = 2.0 * (2 * _RADIUS_PX + 1), 20.0
 
 
