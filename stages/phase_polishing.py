@@ -139,7 +139,8 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         # Where the phase misses rings that were traced, its count may fit worse than that of the tracing. Two sides of
         # the pith that it joins a ring off fit as well, but for the boundaries.
         traced = polished(None)
-        if traced[0].loss[-1] < found.loss[-1] * (1.0 + found.contradicted - traced[0].contradicted):
+        spared = found.contradicted - traced[0].contradicted
+        if traced[0].loss[-1] < found.loss[-1] * (1.0 + spared):
             found, age, residual = traced
     figures = {"loss": round(float(found.loss[-1]), 4)}
     sure = np.abs(residual[belief > SURE])

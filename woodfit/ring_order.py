@@ -267,8 +267,12 @@ def _clearest(votes: dict[tuple[int, int, int], float]) -> list[tuple[int, int, 
     return [(a, b, best[a, b][1]) for a, b in ranked]
 
 
-def _match_sides(forest: _Forest, counted: _Forest, votes: _Votes, side: npt.NDArray[np.int64]) -> None:
-    """Join the two sides of the pith where the widths of their rings contradict the count across it."""
+def _matched_sides(counted: _Forest, votes: _Votes, side: npt.NDArray[np.int64]) -> _Forest:
+    """`counted`, or where widths contradict its count across the pith, a forest whose two sides these have joined."""
+    forest = _Forest(len(side))
+    one_side = {key: weight for key, weight in votes.weight.items() if side[key[0] - 1] * side[key[1] - 1] > 0}
+    for a, b, apart in _clearest(one_side):
+        forest.join(a - 1, b - 1, apart)
     widths: dict[int, dict[int, list[float]]] = {}
     for (a, b), ways in votes.way.items():
         (root_a, above_a), (root_b, above_b) = forest.find(a - 1), forest.find(b - 1)
@@ -278,11 +282,18 @@ def _match_sides(forest: _Forest, counted: _Forest, votes: _Votes, side: npt.NDA
         root: {index: float(np.median(ways)) for index, ways in of.items()} for root, of in widths.items()
     }
     roots = sorted(middle, key=lambda root: -len(middle[root]))
+    contradicted = False
     for one, other in ((a, b) for a in roots for b in roots if side[a] > 0 > side[b]):
         (root_a, above_a), (root_b, above_b) = counted.find(one), counted.find(other)
         more = matched_shift(middle[one], middle[other], above_b - above_a) if root_a == root_b else 0
         if more != 0:
+            contradicted = True
             forest.join(one, other, above_b - above_a + more)
+    if not contradicted:
+        return counted
+    for a, b, apart in _clearest(votes.weight):
+        forest.join(a - 1, b - 1, apart)
+    return forest
 
 
 def order_rings(
@@ -320,13 +331,7 @@ def order_rings(
         forest.join(a - 1, b - 1, apart)
     side = sides_of(polylines, growth)
     if side.any():
-        counted, forest = forest, _Forest(count)
-        one_side = {key: weight for key, weight in votes.weight.items() if side[key[0] - 1] * side[key[1] - 1] > 0}
-        for a, b, apart in _clearest(one_side):
-            forest.join(a - 1, b - 1, apart)
-        _match_sides(forest, counted, votes, side)
-        for a, b, apart in _clearest(votes.weight):
-            forest.join(a - 1, b - 1, apart)
+        forest = _matched_sides(forest, votes, side)
     roots, index = np.zeros(count, np.int64), np.zeros(count, np.int64)
     for node in range(count):
         roots[node], index[node] = forest.find(node)
