@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from woodfit.ring_order import Order
+from woodfit.tied_numbers import TiedNumbers
 
 IntArray = npt.NDArray[np.int64]
 
@@ -35,36 +36,6 @@ class Tie:
     rings: int
     is_guess: bool
     source: str
-
-
-class _Union:
-    """Numbers tied by differences: the first word counts."""
-
-    def __init__(self, count: int) -> None:
-        self.parent = list(range(count))
-        self.above = [0] * count
-
-    def find(self, node: int) -> tuple[int, int]:
-        """Root of a node, and what the node is above it."""
-        above = 0
-        while self.parent[node] != node:
-            above += self.above[node]
-            node = self.parent[node]
-        return node, above
-
-    def difference(self, a: int, b: int) -> int | None:
-        """What b is more than a, None if they are not tied."""
-        (root_a, above_a), (root_b, above_b) = self.find(a), self.find(b)
-        return above_b - above_a if root_a == root_b else None
-
-    def tie(self, a: int, b: int, difference: int) -> bool:
-        """Say that b is `difference` more than a; False if something else was said before."""
-        known = self.difference(a, b)
-        if known is not None:
-            return known == difference
-        (root_a, above_a), (root_b, above_b) = self.find(a), self.find(b)
-        self.parent[root_b], self.above[root_b] = root_a, above_a + difference - above_b
-        return True
 
 
 def corrected_order(
@@ -99,7 +70,7 @@ def corrected_order(
     clashes : list of str
         Counts that contradict others, in words.
     """
-    union = _Union(len(old))
+    union = TiedNumbers(len(old))
     clashes = [
         f"{tie.source} counts {_rings(tie.rings)} where other corrections count otherwise."
         for tie in ties
@@ -134,7 +105,7 @@ def _traced_difference(tie: Tie, traced: Order, old: Sequence[int], lost: Collec
 
 
 def _tie_traced(
-    union: _Union, by_place: dict[tuple[int, int], list[int]], lost: Collection[tuple[int, int]], certain: set[int]
+    union: TiedNumbers, by_place: dict[tuple[int, int], list[int]], lost: Collection[tuple[int, int]], certain: set[int]
 ) -> list[int]:
     """Tie what the person left open as the tracing had it; returns lines that fit nowhere and are left alone."""
     lead = {place: min(lines, key=lambda line: line not in certain) for place, lines in by_place.items()}
@@ -159,7 +130,7 @@ def _tie_traced(
     return loose
 
 
-def _order(union: _Union, traced: Order, old: Sequence[int], length: Sequence[int], certain: set[int]) -> Order:
+def _order(union: TiedNumbers, traced: Order, old: Sequence[int], length: Sequence[int], certain: set[int]) -> Order:
     """Read the indices off the ties: 1 for the smallest of each group, the groups by their length."""
     count = len(old)
     found = [union.find(line) for line in range(count)]

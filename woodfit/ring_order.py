@@ -19,6 +19,7 @@ import numpy.typing as npt
 from numba import njit
 
 from woodfit.ring_sides import Widths, matched_shift, sides_of
+from woodfit.tied_numbers import TiedNumbers
 
 #: Stands for a phase that is not known.
 _UNKNOWN = 1e6
@@ -232,28 +233,6 @@ def _votes(
     return votes
 
 
-class _Forest:
-    """Boundaries joined by votes: trees whose nodes know their index relative to their root."""
-
-    def __init__(self, count: int) -> None:
-        self._parent, self._offset = list(range(count)), [0] * count
-
-    def find(self, node: int) -> tuple[int, int]:
-        """Root of a node, and its index above that of the root."""
-        above = 0
-        while self._parent[node] != node:
-            above += self._offset[node]
-            node = self._parent[node]
-        return node, above
-
-    def join(self, a: int, b: int, apart: int) -> None:
-        """Let the index of b be `apart` more than that of a, unless both already hang together."""
-        (root_a, above_a), (root_b, above_b) = self.find(a), self.find(b)
-        if root_a != root_b:
-            self._parent[root_b] = root_a
-            self._offset[root_b] = above_a + apart - above_b
-
-
 def _clearest(votes: dict[tuple[int, int, int], float]) -> list[tuple[int, int, int]]:
     """The strongest vote of each pair, the clearest majority first."""
     # A pair's rival votes weaken each other: a clear majority joins first.
@@ -267,15 +246,15 @@ def _clearest(votes: dict[tuple[int, int, int], float]) -> list[tuple[int, int, 
     return [(a, b, best[a, b][1]) for a, b in ranked]
 
 
-def _matched_sides(counted: _Forest, votes: _Votes, side: npt.NDArray[np.int64]) -> _Forest:
-    """`counted`, or where widths contradict its count across the pith, a forest whose two sides these have joined."""
-    forest = _Forest(len(side))
+def _matched_sides(counted: TiedNumbers, votes: _Votes, side: npt.NDArray[np.int64]) -> TiedNumbers:
+    """`counted`, or where widths contradict its count across the pith, indices whose two sides these have tied."""
+    indices = TiedNumbers(len(side))
     one_side = {key: weight for key, weight in votes.weight.items() if side[key[0] - 1] * side[key[1] - 1] > 0}
     for a, b, apart in _clearest(one_side):
-        forest.join(a - 1, b - 1, apart)
+        indices.tie(a - 1, b - 1, apart)
     widths: dict[int, dict[int, list[float]]] = {}
     for (a, b), ways in votes.way.items():
-        (root_a, above_a), (root_b, above_b) = forest.find(a - 1), forest.find(b - 1)
+        (root_a, above_a), (root_b, above_b) = indices.find(a - 1), indices.find(b - 1)
         if root_a == root_b and above_b - above_a == 1 and side[a - 1] != 0:
             widths.setdefault(root_a, {}).setdefault(above_a, []).extend(ways)
     middle: dict[int, Widths] = {
@@ -284,16 +263,16 @@ def _matched_sides(counted: _Forest, votes: _Votes, side: npt.NDArray[np.int64])
     roots = sorted(middle, key=lambda root: -len(middle[root]))
     contradicted = False
     for one, other in ((a, b) for a in roots for b in roots if side[a] > 0 > side[b]):
-        (root_a, above_a), (root_b, above_b) = counted.find(one), counted.find(other)
-        more = matched_shift(middle[one], middle[other], above_b - above_a) if root_a == root_b else 0
-        if more != 0:
+        shift = counted.difference(one, other)
+        more = 0 if shift is None else matched_shift(middle[one], middle[other], shift)
+        if shift is not None and more != 0:
             contradicted = True
-            forest.join(one, other, above_b - above_a + more)
+            indices.tie(one, other, shift + more)
     if not contradicted:
         return counted
     for a, b, apart in _clearest(votes.weight):
-        forest.join(a - 1, b - 1, apart)
-    return forest
+        indices.tie(a - 1, b - 1, apart)
+    return indices
 
 
 def order_rings(
@@ -326,15 +305,15 @@ def order_rings(
     count = len(polylines)
     wave = np.full(growth.shape, _UNKNOWN, np.float32) if phase is None else phase
     votes = _votes(polylines, closed, growth, frequency, wave, valid)
-    forest = _Forest(count)
+    indices = TiedNumbers(count)
     for a, b, apart in _clearest(votes.weight):
-        forest.join(a - 1, b - 1, apart)
+        indices.tie(a - 1, b - 1, apart)
     side = sides_of(polylines, growth)
     if side.any():
-        forest = _matched_sides(forest, votes, side)
+        indices = _matched_sides(indices, votes, side)
     roots, index = np.zeros(count, np.int64), np.zeros(count, np.int64)
     for node in range(count):
-        roots[node], index[node] = forest.find(node)
+        roots[node], index[node] = indices.find(node)
     length = np.array([len(points) for points in polylines], np.float64)
     names, inverse = np.unique(roots, return_inverse=True) if count else (np.zeros(0), np.zeros(0, int))
     mass = np.bincount(inverse, weights=length, minlength=len(names)) if count else np.zeros(0)
