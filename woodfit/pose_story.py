@@ -14,6 +14,9 @@ from woodfit.planes import Planes
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Tilt up to which an end grain counts as square to the stem, degrees.
+SQUARE_DEG = 0.5
+
 #: Spread from which on a parameter counts as open: of the direction (degrees), and of a distance to a pith that is not
 #: on the face (share of it); on the face it is one ring.
 OPEN_DEG, OPEN_SHARE = 2.0, 0.05
@@ -147,10 +150,13 @@ def describe(pith: Pith, face: Face, ring_width_px: float) -> Story:
         )
     if left_open[0]:
         angle = math.degrees(float(np.hypot(*pith.spread[:2])))
+        square = place.tilt_deg < SQUARE_DEG
+        taken = (
+            "The face was taken as square to the stem" if square else "The middle of the likely directions was taken"
+        )
         warnings.append(
             f"The pith's direction is undetermined (one sigma {angle:.1f} degrees): growth that is not round looks the "
-            "same as a tilt. The middle of the likely directions was taken (`pose.pith_tilt_deg`, "
-            "`pose.pith_azimuth_deg`)."
+            f"same as a tilt. {taken} (`pose.pith_tilt_deg`, `pose.pith_azimuth_deg`)."
         )
     if left_open[2]:
         offset = float(np.hypot(*pith.spread[2:]) if place.tilt_deg < 45.0 else pith.spread[2])
