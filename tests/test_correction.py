@@ -411,6 +411,13 @@ def test_whatever_is_marked_lies_on_a_boundary_and_counts_consecutively(name: st
         assert len(set(again.ring_group.values[gaps.argmin(axis=1)].tolist())) == 1
 
 
+def test_a_boundary_that_one_path_has_moved_takes_the_mark_of_another_at_the_same_place() -> None:
+    (x0, y0), (x1, y1) = path_in("end_grain_pith")
+    shares = np.array([[0.125, 0.375], [0.125, 0.1875]])
+    places = np.stack([x0 + shares * (x1 - x0), y0 + shares * (y1 - y0)], axis=-1)
+    assert_apart(traced("end_grain_pith", *(table(points) for points in places)), least_px=0.3)
+
+
 def test_of_two_pieces_of_one_ring_the_one_without_a_mark_is_cut() -> None:
     y = np.arange(100.0)
     rows = [Trace(np.column_stack([np.full(100, x), y]), np.ones(100), False) for x in (20.0, 50.0, 55.0, 80.0)]
@@ -453,9 +460,7 @@ def test_a_shifted_line_passes_through_the_point(
 
 def test_indices_follow_the_person_first_and_the_tracing_second() -> None:
     # Rings 1..6 traced, 3 in two pieces, of which the person's path meets the first; group 1 lies apart.
-    traced_order = Order(
-        np.array([1, 2, 3, 3, 4, 5, 6, 1]), np.array([0, 0, 0, 0, 0, 0, 0, 1]), np.full(8, 0.5)
-    )
+    traced_order = Order(np.array([1, 2, 3, 3, 4, 5, 6, 1]), np.array([0, 0, 0, 0, 0, 0, 0, 1]), np.full(8, 0.5))
     length = [10] * 8
     old = list(range(8))
     order, clashes = corrected_order(traced_order, old, [], length, [Tie(1, 2, 3, False, "p")], {1, 2})
@@ -504,9 +509,7 @@ def test_a_corrected_file_reruns_its_scan_only_and_a_bad_one_stops_no_other(tmp_
         pixels[0, 0] = shade
         write_image(tmp_path / f"scans/{name}.png", pixels)
     config = tmp_path / "c.yaml"
-    config.write_text(
-        "scans: scans\noutput: out\nstages:\n  ring_tracing: {corrected: 'corrections/{stem}*.pos'}\n"
-    )
+    config.write_text("scans: scans\noutput: out\nstages:\n  ring_tracing: {corrected: 'corrections/{stem}*.pos'}\n")
     chain = STAGES[: STAGES.index(ring_tracing) + 1]
     options = {"scheduler": "threads", "workers": 1}
 

@@ -139,7 +139,8 @@ def apply_corrections(
             draft.notes.append(f"Only {hits} of {len(chain)} boundaries of {path.name} were traced; is it this scan's?")
     new: list[int] = []
     for path, chain in zip(paths, chains, strict=True):
-        new += _add_missing(path, chain, draft, found, frequency, valid)
+        held = {line for other in chains if other is not chain for line in other if line >= 0}
+        new += _add_missing(path, chain, held, draft, found, frequency, valid)
     ties = [tie for path, chain in zip(paths, chains, strict=True) for tie in _ties(path, chain, frequency)]
     certain = {line for chain in chains for line in chain}
     order, clashes = corrected_order(found.order, draft.old, removed_old, [len(t.points) for t in draft.lines],
@@ -201,16 +202,20 @@ def _through(line: Trace, border: FloatArray, frequency: npt.NDArray[Any], same_
 def _add_missing(
     path: MarkedPath,
     chain: list[int],
+    held: set[int],
     draft: _Draft,
     found: Rings,
     frequency: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
 ) -> list[int]:
-    """Follow every mark without a line, from the inside out, and enter the new lines in `chain`; returns them."""
+    """Follow every mark without a line, from the inside out, and enter the new lines in `chain`; returns them.
+
+    `held` are the lines of other paths.
+    """
     new: list[int] = []
     tolerance = tolerance_of(positions_of(path))
-    # Lines that other paths have added may pass where this one has a mark.
-    added = [i for i, old in enumerate(draft.old) if old < 0]
+    # Lines that other paths have added, or moved, may pass where this one has a mark.
+    added = sorted({i for i, old in enumerate(draft.old) if old < 0} | held)
     boxes = boxes_of([draft.lines[i] for i in added])
     for mark, border in enumerate(path.borders):
         if chain[mark] >= 0:
