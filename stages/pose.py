@@ -110,7 +110,7 @@ class PoseParams(Params):
         POSE_UNDETERMINED,
         STEM,
     ),
-    version=6,
+    version=7,
     params=PoseParams,
     sees_block=True,
 )

@@ -176,7 +176,7 @@ POSE_UNDETERMINED = Variable(
     ("pose_parameter",),
     "b",
     "1",
-    "True for pose parameters that the faces leave open: more than 2 degrees, a ring, or 5 % of a distance outside.",
+    "True for pose parameters that the faces leave open: spread over 1.6 degrees, a ring or 5 % of a distance.",
 )
 STEM = Variable(
     "stem",

@@ -18,18 +18,16 @@ import numpy as np
 import numpy.typing as npt
 
 from woodfit.fiber import FiberSight
-from woodfit.pith_energy import RingPoints, along_face_evidence, direction_of, frame_of, spacing_px
+from woodfit.pith_energy import RingPoints, along_face_evidence, direction_of, spacing_px
 from woodfit.pith_evidence import Evidence, Growth
 from woodfit.pith_samples import Line, explore, middle
 from woodfit.pith_search import Cost, Known, descend, distinct, starts
+from woodfit.pith_spread import with_shape, with_short_arc
 
 FloatArray = npt.NDArray[np.float64]
 
 #: Vertices used: in the first search, and in all that follows.
 FEW_VERTICES, VERTICES = 200, 400
-
-#: How far the centre of curvature of a short arc of rings usually lies from the pith, as a share of its distance.
-WANDER = 0.055
 
 #: Cosine of the angle between two stems from which on growth is looked at anew along the other.
 SAME_STEM = 0.985
@@ -45,6 +43,10 @@ USUAL, LOOSE = Growth(), Growth(strength=0.3, tracing=0.2, piece=0.1)
 
 #: Growth as uneven as usual in a tree of any shape: stems are often one tenth wider one way than the other.
 ANY_SHAPE = Growth(eccentric=0.1, oval=0.05, shaped_rings=math.inf)
+
+#: Growth in a tree that is clearly not round, the log-odds from which on it is, and how steep (component of the
+#: direction) a pith may then run to the face.
+SHAPED, CLEARLY_SHAPED, ALONG_WITHIN = Growth(eccentric=0.08, oval=0.03, shaped_rings=50.0), 3.0, 0.17
 
 #: Sawyers cut across the stem within so much of square (one standard deviation, rad). A pith up to so far from square
 #: (rad) is taken for square where oval growth explains the rings up to so many times as badly (squared misfit).
@@ -180,14 +182,15 @@ def fit_pith(
     found = _found(cost_of, few, USUAL, not mirrors)
     best = min(found, key=lambda line: line[0])
     # From here on growth changes slowly along the stem, which is known well enough by now.
-    cost, modes = _along(best, found, cost_of, few, many)
-    if abs(float(modes[0][2] @ best[2])) < SAME_STEM:
-        cost, modes = _along(modes[0], modes, cost_of, few, many)
+    cost, modes = _along(best, found, cost_of, few, many, USUAL)
+    usual = USUAL if solid else _usual_growth(modes[0], cost_of, few)
+    if usual != USUAL or abs(float(modes[0][2] @ best[2])) < SAME_STEM:
+        cost, modes = _along(modes[0], modes, cost_of, few, many, usual)
     square = not solid and fixed.tilt_deg is None and fixed.azimuth_deg is None and _is_square(modes[0], cost_of, few)
     if square:
         held = partial(cost_of, known=replace(known, tilt=0.0))
         found = _found(held, few, USUAL, False)
-        cost, modes = _along(min(found, key=lambda line: line[0]), found, held, few, many)
+        cost, modes = _along(min(found, key=lambda line: line[0]), found, held, few, many, USUAL)
     steps = explore(cost, modes, np.random.default_rng(seed))
     (energy, point, along), spread = middle(cost, modes[0], steps, mirrors)
     if square:
@@ -196,26 +199,15 @@ def fit_pith(
     # A tree that strays farther from round than usual leaves its pith less sure (reduced chi-square).
     spread = spread * max(1.0, math.sqrt(cost.evidence.unevenness(point, along)))
     if not solid:
-        spread = _wandering(spread, point, along, centre, rings)
+        spread = with_short_arc(spread, point, along, centre, rings)
+        if not square:
+            spread = with_shape(spread, point, along, rings, cost.evidence.growth.strength / USUAL.strength)
     if mirrors and (point[2] < 0.0) == pith_behind and point[2] != 0.0:
         # Mirror in the face: the photograph is the same.
         point, along = point * [1.0, 1.0, -1.0], along * [1.0, 1.0, -1.0]
     main = int(np.argmax(np.abs(along)))
     point, along = fixed.overrule(point, along if along[main] >= 0.0 else -along)
     return Pith(point, along, energy, spread, mirrors, centre)
-
-
-def _wandering(
-    spread: FloatArray, point: FloatArray, along: FloatArray, centre: FloatArray, rings: RingPoints
-) -> FloatArray:
-    """Spread (4,) with what a short arc cannot tell: growth that is not round moves its centre of curvature."""
-    axes = np.stack(frame_of(along))
-    x, y = axes @ (rings.points - point).T
-    towards_x, towards_y = axes @ (centre - point)
-    turned = np.arctan2(x * towards_y - y * towards_x, x * towards_x + y * towards_y)
-    half_arc = min(0.5 * float(np.ptp(np.quantile(turned, [0.02, 0.98]))), 0.5 * math.pi)
-    away = WANDER * math.cos(half_arc) * np.abs(axes @ (point - centre))
-    return np.concatenate([spread[:2], np.hypot(spread[2:], away)])
 
 
 def _found(cost_of: Callable[..., Cost], rings: RingPoints, growth: Growth, both_sides: bool) -> list[Line]:
@@ -246,43 +238,57 @@ def _is_square(mode: Line, cost_of: Callable[..., Cost], rings: RingPoints) -> b
     return upright <= NEARLY_AS_WELL * tilted
 
 
+def _usual_growth(line: Line, cost_of: Callable[..., Cost], rings: RingPoints) -> Growth:
+    """Usual growth of a tree that is nearly round, or of any shape where the rings about a line tell it clearly.
+
+    Nearly round is the rule because a shape can be mistaken for a place of the pith. But above a pith along the face
+    many rings show both their sides, and where they are clearly not round the pith must not be moved to make them so.
+    """
+    if abs(float(line[2][2])) > ALONG_WITHIN:
+        return USUAL
+    costs = [cost_of(rings, growth, stem=line[2]) for growth in (USUAL, SHAPED)]
+    usual, shaped = (descend(cost, line[1], line[2])[0] for cost in costs)
+    return SHAPED if shaped < usual - CLEARLY_SHAPED else USUAL
+
+
 def _along(
     best: Line,
     found: list[Line],
     cost_of: Callable[..., Cost],
     few: RingPoints,
     many: RingPoints,
+    usual: Growth,
 ) -> tuple[Cost, list[Line]]:
     """Cost with growth as it shows about the best line, changing slowly along it, and its likeliest lines.
 
     Polylines that seem misnumbered are discounted, and on a tree rounder than usual vertices that stick out.
     """
     _, point, stem = best
-    growth = _shown_growth(best, cost_of, few)
+    growth = _shown_growth(best, cost_of, few, usual)
     cost = cost_of(many, growth, stem=stem)
     doubt = cost.evidence.doubtful(point, stem)
     if doubt.any():
         cost = cost_of(many, growth, doubt, stem)
-    if growth != USUAL:
+    if growth != usual:
         for _ in range(ROUNDS):
             cost = cost_of(many, growth, doubt, stem, cost.evidence.rougher(point, stem))
         cost.evidence.calibrate(point, stem)
     return cost, _modes(cost, found)
 
 
-def _shown_growth(best: Line, cost_of: Callable[..., Cost], rings: RingPoints) -> Growth:
+def _shown_growth(best: Line, cost_of: Callable[..., Cost], rings: RingPoints, usual: Growth) -> Growth:
     """Growth under which the vertices surprise least about the best line, where much rounder than usual; else usual."""
     _, point, stem = best
-    doubt = cost_of(rings, USUAL, stem=stem).evidence.doubtful(point, stem)
+    doubt = cost_of(rings, usual, stem=stem).evidence.doubtful(point, stem)
     # Tracing is never taken for more exact against the distortion than usual: what the distortion's model does not
     # foresee would then pass for a tilt of the pith.
-    tried = [USUAL.scaled(size, size * exactness) for size in ROUNDNESS for exactness in EXACTNESS]
+    tried = [usual.scaled(size, size * exactness) for size in ROUNDNESS for exactness in EXACTNESS]
     roughness = None
     for _ in range(ROUNDS):
         tries = [cost_of(rings, growth, doubt, stem, roughness).evidence for growth in tried]
         least = min(tries, key=lambda evidence: evidence.surprise(point, stem))
         roughness = least.rougher(point, stem)
-    return least.growth if least.growth.strength <= MUCH_ROUNDER * USUAL.strength else USUAL
+    return least.growth if least.growth.strength <= MUCH_ROUNDER * usual.strength else usual
 
 
 def _modes(cost: Cost, found: list[Line]) -> list[Line]:

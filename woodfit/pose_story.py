@@ -17,9 +17,9 @@ FloatArray = npt.NDArray[np.float64]
 #: Tilt up to which an end grain counts as square to the stem, degrees.
 SQUARE_DEG = 0.5
 
-#: Spread from which on a parameter counts as open: of the direction (degrees), and of a distance to a pith that is not
-#: on the face (share of it); on the face it is one ring.
-OPEN_DEG, OPEN_SHARE = 2.0, 0.05
+#: Spread from which on a parameter counts as open: of the direction (degrees; up to it four of five likely directions
+#: lie within 2 degrees), and of a distance to a pith that is not on the face (share of it); on the face it is one ring.
+OPEN_DEG, OPEN_SHARE = 1.6, 0.05
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def _place(pith: Pith, face: Face) -> _Place:
 
 
 def undetermined(pith: Pith, face: Face, ring_width_px: float) -> npt.NDArray[np.bool_]:
-    """Which of two angles and two offsets (4,) are open: spread beyond 2 degrees, one ring, or 5 % of a distance."""
+    """Which of two angles and two offsets (4,) are open: spread beyond 1.6 degrees, one ring, or 5 % of a distance."""
     place = _place(pith, face)
     angle = math.degrees(float(np.hypot(*pith.spread[:2]))) > OPEN_DEG
     allowed = ring_width_px if place.inside else OPEN_SHARE * place.away
