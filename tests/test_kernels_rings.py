@@ -432,6 +432,20 @@ def test_rings_of_a_log_never_cross(name: str) -> None:
     assert crossings([t.points for t in rings.traces]) == []
 
 
+@pytest.mark.parametrize(("vessels", "bright"), [(False, True), (True, False)])
+def test_streaks_of_fibers_do_not_pass_for_those_of_vessels(vessels: bool, bright: bool) -> None:
+    shape = (240, 260)
+    streaks = gaussian_filter(np.random.default_rng(4).normal(0.0, 1.0, shape), (25.0, 0.8))
+    streaks /= streaks.std()
+    if vessels:
+        # Only the dark ones: vessels are darker than the wood about them, and nothing is brighter.
+        streaks = np.minimum(streaks, 0.5)
+    value = 0.5 + 0.3 * conifer(straight(shape, 24.0, np.pi / 2)) + 0.03 * streaks
+    found = rings_of(value.astype(np.float32), 24.0)
+    assert found.grain_ratio > rings.STREAKED
+    assert found.growth.bright_outwards == bright
+
+
 def test_inputs_are_not_modified() -> None:
     shape = (90, 90)
     value = conifer(straight(shape, 12.0, 0.2))

@@ -20,6 +20,7 @@ from woodfit.ring_sides import without_streaks
 from woodfit.streamlines import smooth_along
 from woodfit.trace_spacing import kept_apart, without_doubles
 from woodfit.tracing import Trace, trace_rings
+from woodfit.vessels import darker_side
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -116,9 +117,11 @@ def grain_ratio(value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: n
     return float((weight * across**2).sum() / max(float((weight * along**2).sum()), 1e-12))
 
 
-#: Fine texture more skewed than `PORES` (see `woodfit.growth.pore_evidence`), or streaked along the rings more than
-#: `STREAKED` (see `grain_ratio`), comes from vessels.
-PORES, STREAKED = -0.8, 3.5
+#: Fine texture more skewed than `PORES` (see `woodfit.growth.pore_evidence`) comes from vessels. So does what is
+#: streaked along the rings more than `STREAKED` (see `grain_ratio`), if its dark side is the longer by `DARKER` (see
+#: `woodfit.vessels.darker_side`): fibres make streaks to both sides alike, 1.05 and below on drawn boards, and vessels
+#: 1.07 and above.
+PORES, STREAKED, DARKER = -0.8, 3.5, 1.06
 
 
 #: Edges less one-sided than this on average may be grain: 0.16 for birch, 0.27 and more for four conifers and walnut.
@@ -185,12 +188,13 @@ def find_rings(
     # The density of vessels is blurred, which takes more from what is fine across the rings.
     grain = grain_ratio(value, orientation, valid) * (1.4 if vessels else 1.0)
     along, _ = smooth_along(value, valid, orientation, 9, 3.0)
+    dotted = vessels or (grain > STREAKED and darker_side((value - along)[(explained > 0.3) & valid]) > DARKER)
     if vessels:
         pores = 2.0 * PORES
         bright_outwards = bool(bright_outwards)
     else:
         pores = pore_evidence(value, along, np.angle(response), explained, valid)
-        if grain > STREAKED:
+        if dotted:
             pores = min(pores, 2.0 * PORES)
     along_stem = float(np.clip((grain - 0.9) / 0.25, 0.0, 1.0))
     growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, along_stem, pith)
@@ -201,7 +205,6 @@ def find_rings(
     confidence = np.asarray(explained * valid, dtype=np.float32)
     limits = (seed_confidence, floor_confidence, max_gap_rings, shortest_rings)
     edge_direction = growth.direction if growth.bright_outwards else growth.direction + np.pi
-    dotted = vessels or grain > STREAKED
     strength = edge_strength(value, valid, orientation, edge_direction, ring_scale_px, dotted)
     traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
     _, lag = _onto_edges(traces, strength, growth.direction, frequency)

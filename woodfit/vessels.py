@@ -50,7 +50,11 @@ def vessel_evidence(value: FloatArray, valid: npt.NDArray[np.bool_]) -> float:
     angle, _ = orientation(value, valid, 1.0, 6.0)
     smooth, _ = smooth_along(value, valid, angle, 9, 3.0)
     inside = cv2.erode(np.pad(valid.astype(np.uint8), 1), np.ones((9, 9), np.uint8))[1:-1, 1:-1] > 0
-    fine = (value - smooth)[inside]
+    return darker_side((value - smooth)[inside])
+
+
+def darker_side(fine: npt.NDArray[Any]) -> float:
+    """How much farther the darkest hundredth of fine texture (K,) lies out than the brightest; 1 where it is little."""
     if fine.size < 500:
         return 1.0
     dark, bright = np.percentile(-fine, 99), np.percentile(fine, 99)
