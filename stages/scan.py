@@ -66,7 +66,7 @@ class ScanParams(Params):
         FACE_PITH_X,
         FACE_PITH_Y,
     ),
-    version=5,
+    version=6,
     params=ScanParams,
 )
 def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
@@ -104,11 +104,15 @@ def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:
     pores = 0
     if params.ring_porous is not False:
         pores = vessels.vessel_scale(shape, grey, scale_px) or int(params.ring_porous or 0)
-    seen = window_of(vessels.density_signal, pores) if pores else grey
     if pores and params.ring_width_px is None:
         # Blurred twice as far: single vessels must not pass for narrow rings.
         in_density = ring_scale.scale_scores(shape, window_of(vessels.density_signal, pores, 2.0), thick_px=thick)
-        scale_px = ring_scale.ring_scale(shape, in_grey.with_other(in_density))
+        in_both = ring_scale.ring_scale(shape, in_grey.with_other(in_density))
+        if params.ring_porous or vessels.crowd_by_rings(in_grey, in_density, in_both):
+            scale_px = in_both
+        else:
+            pores = 0
+    seen = window_of(vessels.density_signal, pores) if pores else grey
     overview = _part(encoded, slice(None), slice(None), overview_step)
     pith = params.pith_px or _pith(photograph.grey_value(overview), mask, overview_step)
     step = params.reduction or photograph.reduction_for(shape, scale_px, float(mask.mean()))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_scenes import Array, Image, conifer, field_of, noise, pixels, round_age, straight, wood, wrapped
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, grey_dilation
 from scipy.spatial import cKDTree
 
 from woodfit import rings
@@ -432,18 +432,30 @@ def test_rings_of_a_log_never_cross(name: str) -> None:
     assert crossings([t.points for t in rings.traces]) == []
 
 
-@pytest.mark.parametrize(("vessels", "bright"), [(False, True), (True, False)])
-def test_streaks_of_fibers_do_not_pass_for_those_of_vessels(vessels: bool, bright: bool) -> None:
+@pytest.mark.parametrize("kind", ["fibers", "vessels"])
+def test_streaks_that_stand_everywhere_do_not_reverse_the_growth(kind: str) -> None:
     shape = (240, 260)
-    streaks = gaussian_filter(np.random.default_rng(4).normal(0.0, 1.0, shape), (25.0, 0.8))
-    streaks /= streaks.std()
-    if vessels:
-        # Only the dark ones: vessels are darker than the wood about them, and nothing is brighter.
-        streaks = np.minimum(streaks, 0.5)
-    value = 0.5 + 0.3 * conifer(straight(shape, 24.0, np.pi / 2)) + 0.03 * streaks
-    found = rings_of(value.astype(np.float32), 24.0)
+    age = straight(shape, 24.0, np.pi / 2)
+    rng = np.random.default_rng(4)
+    if kind == "fibers":
+        streaks = gaussian_filter(rng.normal(0.0, 1.0, shape), (25.0, 0.8))
+        streaks *= 0.03 / streaks.std()
+    else:
+        # Dark only, as in diffuse-porous wood.
+        vessels = grey_dilation((rng.random(shape) < 0.001).astype(float), (41, 2))
+        streaks = -0.15 * gaussian_filter(vessels, 0.7)
+    found = rings_of((0.5 + 0.3 * conifer(age) + streaks).astype(np.float32), 24.0)
     assert found.grain_ratio > rings.STREAKED
-    assert found.growth.bright_outwards == bright
+    assert found.growth.bright_outwards
+    assert (np.cos(found.growth.direction - np.pi) > 0.9).mean() > 0.98
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_streaks_that_begin_at_the_boundaries_darken_outwards(seed: int) -> None:
+    value = (scene("ring_porous", (480, 500), seed).face.rgb_encoded.max(axis=-1) / 255.0).astype(np.float32)
+    found = rings_of(value, 24.0)
+    assert found.grain_ratio > rings.STREAKED
+    assert not found.growth.bright_outwards
 
 
 def test_inputs_are_not_modified() -> None:

@@ -9,9 +9,9 @@ import pytest
 from kernel_scenes import SHARED, Image, conifer, needs_shared, noise, pixels, straight, wood
 
 from woodfit import photograph
-from woodfit.ring_scale import reduce_by
+from woodfit.ring_scale import ScaleScores, reduce_by
 from woodfit.synthetic_scenes import Scene, scene
-from woodfit.vessels import VESSELS, density_halo, density_signal, vessel_evidence, vessel_scale
+from woodfit.vessels import VESSELS, crowd_by_rings, density_halo, density_signal, vessel_evidence, vessel_scale
 
 SIZE = (240, 240)
 
@@ -31,6 +31,18 @@ def dots(radius_px: float, spacing_px: int, depth: float = 0.3) -> Image:
     off = [np.mod(a, spacing_px) - spacing_px / 2 for a in (x, y)]
     rim = np.clip(radius_px - np.hypot(*off) + 0.5, 0.0, 1.0)
     return np.asarray(0.7 - depth * rim + noise(SIZE, 0.01), np.float32)
+
+
+def scores(peak: float, scale_px: float) -> ScaleScores:
+    wavelength = np.array([8.0, 11.3, 16.0, 22.6, 32.0, 45.2])
+    return ScaleScores(wavelength, peak * np.exp(-(np.log2(wavelength / scale_px) ** 2)))
+
+
+@pytest.mark.parametrize(("density", "crowd"), [(0.5, True), (0.45, True), (0.35, False), (0.0, False)])
+def test_vessels_make_the_rings_where_their_density_is_as_periodic_as_the_wood(density: float, crowd: bool) -> None:
+    assert crowd_by_rings(scores(0.5, 22.6), scores(density, 22.6), 21.0) == crowd
+    # What is periodic elsewhere does not count.
+    assert not crowd_by_rings(scores(0.5, 22.6), scores(0.5, 500.0), 21.0)
 
 
 # --- evidence -------------------------------------------------------------------------------------------------------

@@ -192,6 +192,51 @@ def pore_evidence(
     return total
 
 
+#: Vessels of ring-porous wood stand nearly all on the dark side of the abrupt edges, which they make. In wood whose
+#: latewood is dark, vessels stand on both sides or on the bright one: differences over sums up to -0.85 and from -0.75.
+CROWDED = -0.8
+
+
+def vessel_side(
+    value: npt.NDArray[Any],
+    smooth: npt.NDArray[Any],
+    wave_phase: npt.NDArray[Any],
+    weight: npt.NDArray[Any],
+    valid: npt.NDArray[np.bool_],
+) -> float:
+    """On which side of the abrupt edges vessels stand: -1 all on the dark side, 1 all on the bright one.
+
+    Parameters
+    ----------
+    value, smooth : arrays of shape (M, N)
+        Grey values; the same smoothed along the rings, farther than a vessel's streak is long.
+    wave_phase : array of shape (M, N)
+        Phase of the fitted wave in rad, growing towards the bright side of the edges: 0 where the ring is brightest.
+    weight : array of shape (M, N)
+        How surely the edges are abrupt and where.
+    valid : bool array of shape (M, N)
+        The wood.
+
+    Returns
+    -------
+    float
+        Difference over sum of the shares of dark spots in the third of a ring behind the edge and before it; 0 where
+        there is too little to tell.
+    """
+    fine = (np.asarray(value, np.float32) - smooth) / np.maximum(smooth, 0.05)
+    trusted = valid & (weight > 0.0)
+    if np.count_nonzero(trusted) < 500:
+        return 0.0
+    # Dark beyond what the bright side of the texture shows: noise goes both ways.
+    dark = fine < -np.percentile(fine[trusted], 98)
+    after = np.mod(wave_phase / (2.0 * np.pi) + 0.25, 1.0)
+    shares = []
+    for part in (after < 1.0 / 3.0, after > 2.0 / 3.0):
+        mass = weight * (part & trusted)
+        shares.append(float((mass * dark).sum() / max(float(mass.sum()), 1e-9)))
+    return (shares[0] - shares[1]) / max(sum(shares), 1e-9)
+
+
 def find_growth(
     normal: npt.NDArray[Any],
     asymmetry: npt.NDArray[Any],

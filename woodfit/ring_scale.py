@@ -69,6 +69,11 @@ class ScaleScores:
         """Scores of what is periodic in both of two signals of one scan: their geometric mean."""
         return ScaleScores(self.wavelength_px, np.sqrt(self.score * other.score))
 
+    def near(self, scale_px: float) -> float:
+        """Best score within half an octave of a scale; 0 without any."""
+        close = np.abs(np.log2(self.wavelength_px / scale_px)) <= 0.6
+        return float(self.score[close].max(initial=0.0))
+
 
 def scale_scores(
     shape: tuple[int, int],

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.grids import nearest
-from woodfit.growth import Growth, find_growth, pore_evidence
+from woodfit.growth import CROWDED, Growth, find_growth, pore_evidence, vessel_side
 from woodfit.infill import missed_boundaries
 from woodfit.ring_belief import believe, mean_slope, without_doubtful, without_faint
 from woodfit.ring_closure import close_rings, describe_uneven
@@ -196,6 +196,12 @@ def find_rings(
         pores = pore_evidence(value, along, np.angle(response), explained, valid)
         if dotted:
             pores = min(pores, 2.0 * PORES)
+        if pores < PORES:
+            farther, _ = smooth_along(value, valid, orientation, 20, 8.0)
+            sure = asymmetry * np.where(explained > 0.3, explained, 0.0)
+            if vessel_side(value, farther, np.angle(response), sure, valid) > CROWDED:
+                # Vessels that stand everywhere do not make the edges: dark latewood does.
+                pores = 0.0
     along_stem = float(np.clip((grain - 0.9) / 0.25, 0.0, 1.0))
     growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, along_stem, pith)
     # A wave that rises through zero along the edge direction has phase -pi/2 there.

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from woodfit.grids import Window, block_mean, enlarged
+from woodfit.ring_scale import ScaleScores
 from woodfit.streamlines import smooth_along
 from woodfit.structure_tensor import orientation
 
@@ -22,6 +23,10 @@ FloatArray = npt.NDArray[np.float32]
 #: Fine texture whose darkest hundredth lies this much farther out than its brightest comes from vessels. Measured on
 #: nineteen scans: 1.26 and above for the ring-porous ones, 1.13 and below for all others.
 VESSELS = 1.24
+
+#: Where the density of vessels is less periodic than this share of the grey values, rings are not made of them: 0.82
+#: and above for ring-porous scans, 0.75 and below for most drawn diffuse-porous end grain.
+PERIODIC = 0.78
 
 #: Disk that vessels do not fill, and blur of what they leave, at the reduction at which they are small spots.
 _RADIUS_PX, _BLUR_PX = 3, 2.0
@@ -95,6 +100,19 @@ def vessel_scale(
             best, found = float(np.median(evidence)), step
         step *= 2
     return found
+
+
+def crowd_by_rings(grey: ScaleScores, density: ScaleScores, scale_px: float) -> bool:
+    """Whether vessels crowd once a ring, as in ring-porous wood, and do not stand everywhere alike.
+
+    Parameters
+    ----------
+    grey, density : ScaleScores
+        How periodic the grey values and the density of the vessels are.
+    scale_px : float
+        Ring width that both agree on the best, px.
+    """
+    return density.near(scale_px) >= PERIODIC * grey.near(scale_px)
 
 
 def density_signal(value: npt.NDArray[Any], scale: int, coarser: float = 1.0) -> FloatArray:
