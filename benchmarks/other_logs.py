@@ -2,11 +2,13 @@
 
 The samples' logs wave by a few cosines and are nearly round. These follow what is published of Liu-type models: places
 displaced by noise that is long along the stem, eccentric and oval stems (up to 0.17 and 0.05 of the radius), rings
-from 9 to 75 px wide, a short darkening and a sharp edge, no fine fibre. A failing here that the samples do not show is
-a habit that was learnt from them. Prints one line per log: the share of the face and of planes inside it whose ring age
-is right within a quarter ring (one constant per plane allowed), and how far the pith's direction is off.
+from 9 to 75 px wide, a short darkening and a sharp edge, no fine fibre. On top of that may come streaks of fibers that
+darken and brighten by 5 % (faces along the stem only), or vessels: all over the rings or in their earlywood. A failing
+here that the samples do not show is a habit that was learnt from them. Prints one line per log: the share of the face
+and of planes inside it whose ring age is right within a quarter ring (one constant per plane allowed), and how far the
+pith's direction is off.
 
-    python benchmarks/other_logs.py [--cuts CUT ...] [--styles STYLE ...] [--seeds SEED ...]
+    python benchmarks/other_logs.py [--cuts CUT ...] [--styles STYLE ...] [--seeds SEED ...] [--texture TEXTURE]
 """
 
 from __future__ import annotations
@@ -145,10 +147,33 @@ class OtherLog:
         return np.round(255.0 * srgb_encode(blurred)).astype(np.uint8)
 
 
-def judge(cut: str, style: str, seed: int) -> dict[str, float]:
+TEXTURES = ("plain", "fibers", "diffuse_porous", "ring_porous")
+
+
+def textured(image: np.ndarray, log: OtherLog, cut: str, texture: str, rng: np.random.Generator) -> np.ndarray:
+    """Photograph with fine texture, uint8."""
+    along = not cut.startswith("end_grain")
+    if texture == "plain" or (texture == "fibers" and not along):
+        return image
+    if texture == "fibers":
+        streaks = cv2.GaussianBlur(rng.normal(0.0, 1.0, SIZE), (0, 0), sigmaX=1.0, sigmaY=30.0)
+        factor = 1.0 + 0.05 * streaks / streaks.std()
+    else:
+        x, y = np.meshgrid(np.arange(float(SIZE[1])), np.arange(float(SIZE[0])))
+        chance = np.full(SIZE, 0.0012 if along else 0.006)
+        if texture == "ring_porous":
+            chance *= 3.0 * np.exp(-(log.age(np.stack([x, y, np.zeros(SIZE)], axis=-1)) % 1.0) / 0.15)
+        spots = (rng.random(SIZE) < chance).astype(np.float32)
+        vessel = np.ones((41, 2), np.uint8) if along else cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+        factor = 1.0 - 0.35 * cv2.GaussianBlur(cv2.dilate(spots, vessel), (0, 0), 0.7)
+    return np.clip(np.round(image * factor[..., None]), 0, 255).astype(np.uint8)
+
+
+def judge(cut: str, style: str, seed: int, texture: str) -> dict[str, float]:
     """Figures of one log."""
     log = OtherLog(cut, style, seed)
-    ds = fitted(log.photograph(), np.ones(SIZE, bool))
+    image = textured(log.photograph(), log, cut, texture, np.random.default_rng(seed))
+    ds = fitted(image, np.ones(SIZE, bool))
     age = age_in(ds)
     x, y = np.meshgrid(np.arange(0.0, SIZE[1], STEP_PX), np.arange(0.0, SIZE[0], STEP_PX))
     face = np.stack([x, y, np.zeros_like(x)], axis=-1)
@@ -165,12 +190,13 @@ def main() -> None:
     parser.add_argument("--cuts", nargs="+", choices=CUTS, default=CUTS)
     parser.add_argument("--styles", nargs="+", choices=STYLES, default=list(STYLES))
     parser.add_argument("--seeds", nargs="+", type=int, default=[0])
+    parser.add_argument("--texture", choices=TEXTURES, default="plain")
     given = parser.parse_args()
     for cut in given.cuts:
         rows = []
         for style in given.styles:
             for seed in given.seeds:
-                rows.append(judge(cut, style, seed))
+                rows.append(judge(cut, style, seed, given.texture))
                 print(
                     f"{cut:15s} {style:7s} {seed} " + "  ".join(f"{k} {v:.2f}" for k, v in rows[-1].items()), flush=True
                 )
