@@ -201,7 +201,7 @@ def find_rings(
             sure = asymmetry * np.where(explained > 0.3, explained, 0.0)
             if vessel_side(value, farther, np.angle(response), sure, valid) > CROWDED:
                 # Vessels that stand everywhere do not make the edges: dark latewood does.
-                pores = 0.0
+                pores, dotted = 0.0, False
     along_stem = float(np.clip((grain - 0.9) / 0.25, 0.0, 1.0))
     growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, along_stem, pith)
     # A wave that rises through zero along the edge direction has phase -pi/2 there.
