@@ -82,7 +82,9 @@ def test_ctrl_c_ends_the_run_quietly_and_keeps_what_is_done(project: Make, tmp_p
     config = project(scans=2)
     script = tmp_path / "interrupted.py"
     script.write_text(
-        f"import sys; sys.path[:0] = [{str(DRIVER.parent)!r}, {str(DRIVER.parents[1])!r}]\n"
+        f"import signal, sys; sys.path[:0] = [{str(DRIVER.parent)!r}, {str(DRIVER.parents[1])!r}]\n"
+        # Where the tests themselves run in the background, children are started deaf to it.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "import dummy_driver\nfrom pipeline.cli import told_to_people\n"
         "if __name__ == '__main__':\n    from typer import Exit\n"
         "    try:\n        with told_to_people(): dummy_driver.main()\n"
