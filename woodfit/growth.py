@@ -192,8 +192,8 @@ def pore_evidence(
     return total
 
 
-#: Vessels of ring-porous wood stand nearly all on the dark side of the abrupt edges, which they make. In wood whose
-#: latewood is dark, vessels stand on both sides or on the bright one: differences over sums up to -0.85 and from -0.75.
+#: Vessels of ring-porous wood stand nearly all on the dark side of the abrupt edges, which they make: differences over
+#: sums up to -0.85. In wood whose latewood is dark they stand on both sides or on the bright one, mostly from -0.75 on.
 CROWDED = -0.8
 
 
