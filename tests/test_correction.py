@@ -15,7 +15,7 @@ from conftest import write_image
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernel_scenes import SHARED, Array, needs_shared
-from test_stages import added, source
+from stage_scenes import added, source
 
 from pipeline.plan import Selection
 from pipeline.progress import Silent
