@@ -43,6 +43,10 @@ Array = npt.NDArray[Any]
 #: the third that lie a ring off, says that the count of the phase may be wrong.
 SURE, TORN_RAD, CONTRADICTED = 0.5, 0.7, 0.01
 
+#: Pixels that are believed less do not count at all. From which belief on the phase counts rings, in the order of
+#: trial: through doubtful wood, which leaves few numbers to the tracing; not across it; and, with infinity, nowhere.
+LEAST_BELIEF, COUNTED_FROM = 0.05, (0.2, 0.5, np.inf)
+
 
 class PhasePolishingParams(Params):
     """Parameters of `phase_polishing`."""
@@ -83,7 +87,7 @@ class PhasePolishingParams(Params):
         AZIMUTH_WRAPS,
     ),
     provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
-    version=7,
+    version=8,
     params=PhasePolishingParams,
     sees_block=True,
 )
@@ -103,8 +107,7 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
     phase = phase * ring_count.outward_signs(phase, start_age, belief**2, frame.planes.face_of(y))[:, None]
     every = stride_for(phase.size, params.most_pixels)
     thinned = (slice(None, None, every),) * 2
-    counted = ring_count.count_rings(phase[thinned], belief[thinned])
-    seen = counted.part > 0
+    seen = belief[thinned] > LEAST_BELIEF
     seen_x, seen_y = (axis[seen] for axis in np.meshgrid(x[::every], y[::every]))
     pixels = frame.observe(
         seen_x,
@@ -119,7 +122,9 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         believed_weights(ds),
     )
 
-    def polished(count: Array | None) -> tuple[displacement.Polished, Array, Array]:
+    best: tuple[float, displacement.Polished, Array, Array] | None = None
+    for least_belief in COUNTED_FROM:
+        counted = ring_count.count_rings(phase[thinned], belief[thinned], least_belief)
         found = displacement.polish(
             grid,
             start.values,
@@ -129,19 +134,18 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
             params.stiffness_px,
             params.along_stem,
             params.boundary_share,
-            count,
+            counted.numbered(start_age[thinned], belief[thinned] ** 2)[seen] if counted.part.any() else None,
         )
         age = frame.age(x, y, grid, found.displacement, table)
-        return found, age, wrap(phase - 2.0 * np.pi * age).astype(np.float32)
-
-    found, age, residual = polished(counted.numbered(start_age[thinned], belief[thinned] ** 2)[seen])
-    if _worst(residual, belief) > TORN_RAD or found.contradicted > CONTRADICTED:
-        # Where the phase misses rings that were traced, its count may fit worse than that of the tracing. Two sides of
-        # the pith that it joins a ring off fit as well, but for the boundaries.
-        traced = polished(None)
-        spared = found.contradicted - traced[0].contradicted
-        if traced[0].loss[-1] < found.loss[-1] * (1.0 + spared):
-            found, age, residual = traced
+        residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
+        # Two sides of the pith that are joined a ring off fit as well, but for the boundaries.
+        worth = found.loss[-1] * (1.0 + found.contradicted)
+        if best is None or worth < best[0]:
+            best = worth, found, age, residual
+        if _worst(best[3], belief) <= TORN_RAD and best[1].contradicted <= CONTRADICTED:
+            break
+    assert best is not None  # for mypy: the first is always taken
+    _, found, age, residual = best
     figures = {"loss": round(float(found.loss[-1]), 4)}
     sure = np.abs(residual[belief > SURE])
     if sure.size:

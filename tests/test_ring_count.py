@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from woodfit.cylinder_grid import CylinderGrid, sample
 from woodfit.displacement import Observations, age_of_radius, initial_displacement, polish
-from woodfit.ring_count import LEAST_BELIEF, count_rings, outward_signs
+from woodfit.ring_count import count_rings, outward_signs
 
 Array = np.ndarray
 GRID = CylinderGrid(np.linspace(60.0, 200.0, 36), np.linspace(-0.5, 0.5, 12), np.array([-1.0, 1.0]), wraps=False)
@@ -29,7 +29,7 @@ def drawn_age(shape: tuple[int, int] = (60, 90)) -> Array:
 def test_the_count_is_the_age_up_to_a_whole_number(more: int, seed: int) -> None:
     age = drawn_age()
     noisy = age + 0.05 * np.random.default_rng(seed).normal(size=age.shape)
-    counted = count_rings(wrapped(noisy), np.ones(age.shape))
+    counted = count_rings(wrapped(noisy), np.ones(age.shape), 0.2)
     off = counted.age - noisy
     npt.assert_allclose(off, np.round(off[0, 0]), atol=1e-6)
     # Numbers that are right, but for a stray third, give the age itself.
@@ -40,8 +40,8 @@ def test_the_count_is_the_age_up_to_a_whole_number(more: int, seed: int) -> None
 def test_each_part_has_its_own_number_by_weight() -> None:
     age = drawn_age()
     belief = np.ones(age.shape)
-    belief[:, 40:44] = 0.5 * LEAST_BELIEF
-    counted = count_rings(wrapped(age), belief)
+    belief[:, 40:44] = 0.2
+    counted = count_rings(wrapped(age), belief, 0.3)
     assert set(np.unique(counted.part)) == {0, 1, 2}
     assert np.all(counted.part[:, 40:44] == 0)
     # One part is told by a few pixels of much weight, against many of little.
@@ -50,12 +50,13 @@ def test_each_part_has_its_own_number_by_weight() -> None:
     numbered = counted.numbered(told, weight)
     npt.assert_allclose(numbered[:, :40], age[:, :40] + 1.0, atol=1e-6)
     npt.assert_allclose(numbered[:, 44:], age[:, 44:] - 2.0, atol=1e-6)
+    assert np.isnan(numbered[:, 40:44]).all()
 
 
 def test_where_nothing_is_believed_nothing_is_counted() -> None:
-    counted = count_rings(np.zeros((4, 5)), np.zeros((4, 5)))
+    counted = count_rings(np.zeros((4, 5)), np.zeros((4, 5)), 0.0)
     assert not counted.part.any()
-    npt.assert_array_equal(counted.numbered(np.ones((4, 5)), np.ones((4, 5))), 0.0)
+    assert np.isnan(counted.numbered(np.ones((4, 5)), np.ones((4, 5)))).all()
 
 
 def test_the_phase_of_a_face_numbered_inwards_is_turned() -> None:
@@ -95,13 +96,13 @@ def ages_of(field: Array, radius: Array, azimuth: Array) -> Array:
     return age_of_radius(radius.ravel() + moved, RINGS)[0].reshape(radius.shape)
 
 
-def polished(held: Observations, by_count: bool) -> Array:
+def polished(held: Observations, by_count: bool, belief: Array | None = None) -> Array:
     """Ages of the face after polishing on the phase of rings that are exactly even."""
     start = initial_displacement(GRID, held, RINGS, 10.0, 2.0)
     r, a = face()
-    phase = wrapped(r / 10.0)
-    counted = count_rings(phase, np.ones(r.shape))
-    count = counted.numbered(ages_of(start, r, a), np.ones(r.shape)).ravel() if by_count else None
+    phase, belief = wrapped(r / 10.0), np.ones(r.shape) if belief is None else belief
+    counted = count_rings(phase, belief, 0.2)
+    count = counted.numbered(ages_of(start, r, a), belief).ravel() if by_count else None
     stiffness = (48.0, 12.0, 3.0, 0.8, 0.3)
     return ages_of(polish(GRID, start, places(r, a, phase), held, RINGS, stiffness, 2.0, 0.1, count).displacement, r, a)
 
@@ -120,3 +121,12 @@ def test_a_line_that_is_no_boundary_leaves_no_wall(false_at: float) -> None:
 def test_right_rings_stay_as_they_are() -> None:
     r, _ = face()
     npt.assert_allclose(polished(boundaries(None), by_count=True), r / 10.0, atol=0.03)
+
+
+def test_a_ring_that_the_counts_are_apart_is_made_up_where_nothing_is_counted() -> None:
+    r, _ = face()
+    # All beyond 95 px is numbered one too many; the phase is doubtful from 110 to 120 px.
+    doubtful = np.where(np.abs(r - 115.0) < 5.0, 0.1, 1.0)
+    off = polished(boundaries(95.0), by_count=True, belief=doubtful) - r / 10.0
+    npt.assert_allclose(off[r < 104.0], 0.0, atol=0.2)
+    npt.assert_allclose(off[r > 122.0], 1.0, atol=0.05)

@@ -27,7 +27,7 @@ Array = npt.NDArray[Any]
 _COARSER, _BEND_RINGS, _SLACK = 4, 8.0, 1e-4
 
 #: How far a counted age may miss before it fades, step by step, rings: at first all count in full, so that a start that
-#: contradicts them is left. What remains of the boundaries' weight in the first step.
+#: contradicts them is left. What remains in the first step of the weight of all that is not counted.
 _COUNT_MISSES, _GIVING_WAY = (1e3, 1e3, 2.0, 1.0, 0.5), 1e-3
 
 
@@ -338,8 +338,8 @@ def polish(
     boundary_share : float
         Weight of all boundary vertices together, relative to all pixels together.
     count : array of shape (N,), optional
-        Ring ages of the pixels as the phase counts them (`woodfit.ring_count`): whole rings are then not free, and the
-        boundaries give way in the first step.
+        Ring ages of the pixels as the phase counts them (`woodfit.ring_count`), NaN where it does not: whole rings are
+        then not free, and boundaries and uncounted pixels give way in the first step.
 
     Returns
     -------
@@ -350,20 +350,22 @@ def polish(
     field = base = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
     heavy = boundary_share * float(pixels.weight.sum()) / max(float(boundaries.weight.sum()), 1e-9)
     losses: list[float] = []
+    counted = np.zeros(len(pixels.target), bool) if count is None else np.isfinite(count)
     for step, stiffness in enumerate(stiffness_px):
         now = at_pixels.at(field).numpy()
         age, width = age_of_radius(pixels.radius + now, ring_radius)
         if not losses:
             losses.append(cyclic_loss(pixels.target - 2.0 * np.pi * age, pixels.weight))
-        if count is None:
-            turn = pixels.target / (2.0 * np.pi) - age
-            turn = turn - np.round(turn)
-            # 1 - cos(x) is a parabola of height x sin(x): the weight of its Gauss-Newton step is sin(x) / x.
-            fades = np.sinc(2.0 * turn)
-            wanted = now + turn * width
-        else:
-            fades = 1.0 / (1.0 + ((count - age) / _COUNT_MISSES[min(step, len(_COUNT_MISSES) - 1)]) ** 2)
-            wanted = radius_of_age(count, ring_radius) - pixels.radius
+        turn = pixels.target / (2.0 * np.pi) - age
+        turn = turn - np.round(turn)
+        # 1 - cos(x) is a parabola of height x sin(x): the weight of its Gauss-Newton step is sin(x) / x.
+        fades = np.sinc(2.0 * turn)
+        wanted = now + turn * width
+        if count is not None:
+            fades = _GIVING_WAY * fades if step == 0 else fades
+            miss = (count - age)[counted] / _COUNT_MISSES[min(step, len(_COUNT_MISSES) - 1)]
+            fades[counted] = 1.0 / (1.0 + miss**2)
+            wanted[counted] = radius_of_age(count[counted], ring_radius) - pixels.radius[counted]
         # In rings, not px: wide and narrow rings count alike.
         scale = np.median(width)
         weight = pixels.weight * fades * (scale / width) ** 2

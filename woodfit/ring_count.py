@@ -17,8 +17,6 @@ from skimage.restoration import unwrap_phase
 
 Array = npt.NDArray[Any]
 
-#: Pixels that are believed less than this are not counted across.
-LEAST_BELIEF = 0.05
 
 
 @dataclass(frozen=True)
@@ -37,20 +35,23 @@ class RingCount:
     part: npt.NDArray[np.int32]
 
     def numbered(self, age: Array, weight: Array) -> npt.NDArray[np.float64]:
-        """Count with the whole number in each part that most of the `weight` has by ring ages `age`, both (H, W)."""
+        """Count with the whole number in each part that most of the `weight` has by ring ages `age`, both (H, W).
+
+        NaN where nothing is counted.
+        """
         counted = self.part > 0
         part, weight = self.part[counted], weight[counted]
         off = np.round(age[counted] - self.age[counted]).astype(np.int64)
         if not off.size:
-            return self.age
+            return np.full(self.age.shape, np.nan)
         first = int(off.min())
         span = int(off.max()) - first + 1
         votes = np.bincount(part * span + off - first, weight, minlength=(int(part.max()) + 1) * span)
         most = first + votes.reshape(-1, span).argmax(axis=1)
-        return np.asarray(self.age + np.where(counted, most[self.part], 0))
+        return np.where(counted, self.age + most[self.part], np.nan)
 
 
-def count_rings(phase: Array, belief: Array) -> RingCount:
+def count_rings(phase: Array, belief: Array, least_belief: float) -> RingCount:
     """Unwrap the phase, the most reliable pixels first.
 
     The method is that of Herráez et al. (Applied Optics 41, 2002): where the phase contradicts itself (at dislocations,
@@ -62,12 +63,14 @@ def count_rings(phase: Array, belief: Array) -> RingCount:
         Ring phase, rad.
     belief : array of shape (H, W)
         Confidence of it.
+    least_belief : float
+        Pixels that are believed less are not counted across.
 
     Returns
     -------
     RingCount
     """
-    seen = belief > LEAST_BELIEF
+    seen = belief > least_belief
     part, _ = label(seen)
     if seen.any():
         whole: Array = unwrap_phase(np.ma.masked_array(np.asarray(phase, np.float64), ~seen), rng=0)
