@@ -11,7 +11,7 @@ from kernel_scenes import Array, Image, conifer, field_of, noise, pixels, round_
 from scipy.ndimage import gaussian_filter, grey_dilation
 from scipy.spatial import cKDTree
 
-from woodfit import rings
+from woodfit import fine_texture, rings
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
 from woodfit.matching import line_crossings
 from woodfit.ring_order import order_rings
@@ -445,7 +445,7 @@ def test_streaks_that_stand_everywhere_do_not_reverse_the_growth(kind: str) -> N
         vessels = grey_dilation((rng.random(shape) < 0.001).astype(float), (41, 2))
         streaks = -0.15 * gaussian_filter(vessels, 0.7)
     found = rings_of((0.5 + 0.3 * conifer(age) + streaks).astype(np.float32), 24.0)
-    assert found.grain_ratio > rings.STREAKED
+    assert found.grain_ratio > fine_texture.STREAKED
     assert found.growth.bright_outwards
     assert (np.cos(found.growth.direction - np.pi) > 0.9).mean() > 0.98
 
@@ -454,7 +454,7 @@ def test_streaks_that_stand_everywhere_do_not_reverse_the_growth(kind: str) -> N
 def test_streaks_that_begin_at_the_boundaries_darken_outwards(seed: int) -> None:
     value = (scene("ring_porous", (480, 500), seed).face.rgb_encoded.max(axis=-1) / 255.0).astype(np.float32)
     found = rings_of(value, 24.0)
-    assert found.grain_ratio > rings.STREAKED
+    assert found.grain_ratio > fine_texture.STREAKED
     assert not found.growth.bright_outwards
 
 

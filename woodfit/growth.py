@@ -153,90 +153,6 @@ def outward_flux(direction: npt.NDArray[Any], confidence: npt.NDArray[Any], ring
     return float(np.clip(spread / max(outline, 1e-9), -1.0, 1.0))
 
 
-def pore_evidence(
-    value: npt.NDArray[Any],
-    smooth: npt.NDArray[Any],
-    wave_phase: npt.NDArray[Any],
-    confidence: npt.NDArray[Any],
-    valid: npt.NDArray[np.bool_],
-) -> float:
-    """Whether the wood is full of vessels: skewness of the fine texture, summed over the dark and bright halves.
-
-    Vessels are dark spots and streaks on either half of a ring; tracheids, fibres and sensor noise are nearly
-    symmetric. Measured on nineteen real scans and on synthetic wood: below -0.8 for every ring-porous one, above for
-    every other.
-
-    Parameters
-    ----------
-    value, smooth : arrays of shape (M, N)
-        Grey values; the same smoothed a few pixels along the rings.
-    wave_phase : array of shape (M, N)
-        Phase of the fitted wave in rad: 0 where the ring is brightest.
-    confidence, valid : arrays of shape (M, N)
-        Where to look.
-
-    Returns
-    -------
-    float
-        Sum of the two skewnesses; 0 when there is too little to tell.
-    """
-    fine = np.asarray(value, np.float32) - smooth
-    trusted = (confidence > 0.3) & valid
-    total = 0.0
-    for half in (1.0, -1.0):
-        part = fine[trusted & (half * np.cos(wave_phase) > 0.3)].astype(np.float64)
-        if part.size < 500:
-            return 0.0
-        part = part - part.mean()
-        total += float((part**3).mean() / max(float((part**2).mean()) ** 1.5, 1e-12))
-    return total
-
-
-#: Vessels of ring-porous wood stand nearly all on the dark side of the abrupt edges, which they make: differences over
-#: sums up to -0.85. In wood whose latewood is dark they stand on both sides or on the bright one, mostly from -0.75 on.
-CROWDED = -0.8
-
-
-def vessel_side(
-    value: npt.NDArray[Any],
-    smooth: npt.NDArray[Any],
-    wave_phase: npt.NDArray[Any],
-    weight: npt.NDArray[Any],
-    valid: npt.NDArray[np.bool_],
-) -> float:
-    """On which side of the abrupt edges vessels stand: -1 all on the dark side, 1 all on the bright one.
-
-    Parameters
-    ----------
-    value, smooth : arrays of shape (M, N)
-        Grey values; the same smoothed along the rings, farther than a vessel's streak is long.
-    wave_phase : array of shape (M, N)
-        Phase of the fitted wave in rad, growing towards the bright side of the edges: 0 where the ring is brightest.
-    weight : array of shape (M, N)
-        How surely the edges are abrupt and where.
-    valid : bool array of shape (M, N)
-        The wood.
-
-    Returns
-    -------
-    float
-        Difference over sum of the shares of dark spots in the third of a ring behind the edge and before it; 0 where
-        there is too little to tell.
-    """
-    fine = (np.asarray(value, np.float32) - smooth) / np.maximum(smooth, 0.05)
-    trusted = valid & (weight > 0.0)
-    if np.count_nonzero(trusted) < 500:
-        return 0.0
-    # Dark beyond what the bright side of the texture shows: noise goes both ways.
-    dark = fine < -np.percentile(fine[trusted], 98)
-    after = np.mod(wave_phase / (2.0 * np.pi) + 0.25, 1.0)
-    shares = []
-    for part in (after < 1.0 / 3.0, after > 2.0 / 3.0):
-        mass = weight * (part & trusted)
-        shares.append(float((mass * dark).sum() / max(float(mass.sum()), 1e-9)))
-    return (shares[0] - shares[1]) / max(sum(shares), 1e-9)
-
-
 def find_growth(
     normal: npt.NDArray[Any],
     asymmetry: npt.NDArray[Any],
@@ -265,7 +181,7 @@ def find_growth(
     bright_outwards : bool, optional
         The user's word on whether the abrupt edge brightens outwards; found when not given.
     pores : float
-        From `pore_evidence`: vessels make the abrupt edge the onset of dark pores.
+        From `woodfit.fine_texture.pore_evidence`: vessels make the abrupt edge the onset of dark pores.
     along_stem : float
         1 on faces along the stem, where rings wave and their bends say little; 0 on others.
     pith : x, y in pixels, optional

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from woodfit.boundary import edge_offsets, edge_strength, latewood_foot
+from woodfit.fine_texture import Texture, read_texture
 from woodfit.grids import nearest
-from woodfit.growth import CROWDED, Growth, find_growth, pore_evidence, vessel_side
+from woodfit.growth import Growth, find_growth
 from woodfit.infill import missed_boundaries
 from woodfit.ring_belief import believe, mean_slope, without_doubtful, without_faint
 from woodfit.ring_closure import close_rings, describe_uneven
@@ -20,7 +20,7 @@ from woodfit.ring_sides import without_streaks
 from woodfit.streamlines import smooth_along
 from woodfit.trace_spacing import kept_apart, without_doubles
 from woodfit.tracing import Trace, trace_rings
-from woodfit.vessels import darker_side
+from woodfit.turned_growth import against_indices
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -95,35 +95,6 @@ def describe_doubt(found: Rings) -> list[str]:
     return said
 
 
-def grain_ratio(value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: npt.NDArray[np.bool_]) -> float:
-    """Mean square slope of the fine texture across the rings over that along them, rings themselves removed.
-
-    A large face is looked at in every third block of 128 px both ways.
-    """
-    rows, cols = (np.arange(n) // 128 % 3 for n in value.shape)
-    if min(value.shape) >= 512:
-        valid = valid & ((rows[:, None] == 1) & (cols[None, :] == 1))
-    smooth, _ = smooth_along(value, valid, orientation, 20, 8.0)
-    fine = cv2.GaussianBlur(np.asarray(value, np.float32) - smooth, (0, 0), 0.7)
-    gx, gy = cv2.Scharr(fine, cv2.CV_32F, 1, 0), cv2.Scharr(fine, cv2.CV_32F, 0, 1)
-    inside = cv2.erode(np.pad(valid.astype(np.uint8), 1), np.ones((7, 7), np.uint8))[1:-1, 1:-1] > 0
-    if not inside.any():
-        return 1.0
-    power = gx * gx + gy * gy
-    # Cracks and dirt must not outvote the wood.
-    weight = inside * np.minimum(1.0, np.percentile(power[inside], 95) / np.maximum(power, 1e-12))
-    across = -gx * np.sin(orientation) + gy * np.cos(orientation)
-    along = gx * np.cos(orientation) + gy * np.sin(orientation)
-    return float((weight * across**2).sum() / max(float((weight * along**2).sum()), 1e-12))
-
-
-#: Fine texture more skewed than `PORES` (see `woodfit.growth.pore_evidence`) comes from vessels. So does what is
-#: streaked along the rings more than `STREAKED` (see `grain_ratio`), if its dark side is the longer by `DARKER` (see
-#: `woodfit.vessels.darker_side`): fibres make streaks to both sides alike, 1.05 and below on drawn boards, and vessels
-#: 1.07 and above.
-PORES, STREAKED, DARKER = -0.8, 3.5, 1.06
-
-
 #: Edges less one-sided than this on average may be grain: 0.16 for birch, 0.27 and more for four conifers and walnut.
 ONE_SIDED = 0.22
 
@@ -185,49 +156,36 @@ def find_rings(
     -------
     Rings
     """
-    # The density of vessels is blurred, which takes more from what is fine across the rings.
-    grain = grain_ratio(value, orientation, valid) * (1.4 if vessels else 1.0)
     along, _ = smooth_along(value, valid, orientation, 9, 3.0)
-    dotted = vessels or (grain > STREAKED and darker_side((value - along)[(explained > 0.3) & valid]) > DARKER)
-    if vessels:
-        pores = 2.0 * PORES
-        bright_outwards = bool(bright_outwards)
-    else:
-        pores = pore_evidence(value, along, np.angle(response), explained, valid)
-        if dotted:
-            pores = min(pores, 2.0 * PORES)
-        if pores < PORES:
-            farther, _ = smooth_along(value, valid, orientation, 20, 8.0)
-            sure = asymmetry * np.where(explained > 0.3, explained, 0.0)
-            if vessel_side(value, farther, np.angle(response), sure, valid) > CROWDED:
-                # Vessels that stand everywhere do not make the edges: dark latewood does.
-                pores, dotted = 0.0, False
-    along_stem = float(np.clip((grain - 0.9) / 0.25, 0.0, 1.0))
-    growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright_outwards, pores, along_stem, pith)
-    # A wave that rises through zero along the edge direction has phase -pi/2 there.
-    with_growth = np.cos(growth.direction - normal) >= 0.0
-    rising = 0.5 * np.pi if growth.bright_outwards else -0.5 * np.pi
-    phase = wrap(np.where(with_growth, 1.0, -1.0) * np.angle(response) + rising)
+    texture = read_texture(value, along, valid, response, explained, asymmetry, orientation, vessels)
+    bright = bool(bright_outwards) if vessels else bright_outwards
+    along_stem = float(np.clip((texture.grain_ratio - 0.9) / 0.25, 0.0, 1.0))
+    growth = find_growth(normal, asymmetry, explained, valid, ring_scale_px, bright, texture.pores, along_stem, pith)
     confidence = np.asarray(explained * valid, dtype=np.float32)
     limits = (seed_confidence, floor_confidence, max_gap_rings, shortest_rings)
-    edge_direction = growth.direction if growth.bright_outwards else growth.direction + np.pi
-    strength = edge_strength(value, valid, orientation, edge_direction, ring_scale_px, dotted)
-    traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
-    _, lag = _onto_edges(traces, strength, growth.direction, frequency)
-    # Traced again where the edges lie in the phase: a boundary that leaves the picture is then followed to its end.
-    phase = np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32)
-    traces = trace_rings(phase, growth.direction, frequency, confidence, valid, *limits)
-    moved, _ = _onto_edges(traces, strength, growth.direction, frequency)
-    around = mean_slope(strength, valid, ring_scale_px)
-    kept = without_doubtful(believe(without_doubles(moved, frequency), strength, around, frequency))
-    kept = without_faint(kept, response, strength)
-    if not vessels:
-        # Beside a ring of vessels the latewood's fine texture would pass for another.
-        kept += missed_boundaries(kept, strength, growth.direction, frequency, valid, around)
-    if growth.bright_outwards:
-        kept = _onto_latewood(kept, along, growth.direction, frequency)
-    kept = kept_apart(kept, valid.shape)
+    face = _Face(
+        value,
+        along,
+        valid,
+        response,
+        normal,
+        frequency,
+        orientation,
+        confidence,
+        ring_scale_px,
+        vessels,
+        texture,
+        limits,
+    )
+    kept, phase, strength = _traced(face, growth)
     order = _ordered(kept, growth, frequency, valid, phase)
+    if pith is None:
+        turned = against_indices(kept, order, growth.direction, frequency, valid, ring_scale_px)
+        if turned.any():
+            growth = replace(growth, direction=wrap(growth.direction + np.pi * turned).astype(np.float32))
+            kept, phase, strength = _traced(face, growth)
+            order = _ordered(kept, growth, frequency, valid, phase)
+    dotted = texture.dotted
     if pith is None and not dotted:
         clear = without_streaks(kept, order.index, growth.direction, strength, ring_scale_px)
         if clear is not kept:
@@ -244,10 +202,56 @@ def find_rings(
         growth,
         phase,
         confidence,
-        grain,
+        texture.grain_ratio,
         strength,
         pith,
     )
+
+
+@dataclass(frozen=True)
+class _Face:
+    """A face of shape (M, N) and how to trace it; the fields are those of `find_rings`."""
+
+    value: npt.NDArray[Any]
+    along: FloatArray
+    valid: npt.NDArray[np.bool_]
+    response: npt.NDArray[Any]
+    normal: npt.NDArray[Any]
+    frequency: npt.NDArray[Any]
+    orientation: npt.NDArray[Any]
+    confidence: FloatArray
+    ring_scale_px: float
+    vessels: bool
+    texture: Texture
+    limits: tuple[float, float, float, float]
+
+
+def _traced(face: _Face, growth: Growth) -> tuple[list[Trace], FloatArray, FloatArray]:
+    """Boundaries on their edges, the ring phase and the strength of edges, all as growth has it."""
+    valid, frequency, direction = face.valid, face.frequency, growth.direction
+    # A wave that rises through zero along the edge direction has phase -pi/2 there.
+    with_growth = np.cos(direction - face.normal) >= 0.0
+    rising = 0.5 * np.pi if growth.bright_outwards else -0.5 * np.pi
+    phase = wrap(np.where(with_growth, 1.0, -1.0) * np.angle(face.response) + rising)
+    edge_direction = direction if growth.bright_outwards else direction + np.pi
+    strength = edge_strength(
+        face.value, valid, face.orientation, edge_direction, face.ring_scale_px, face.texture.dotted
+    )
+    traces = trace_rings(phase, direction, frequency, face.confidence, valid, *face.limits)
+    _, lag = _onto_edges(traces, strength, direction, frequency)
+    # Traced again where the edges lie in the phase: a boundary that leaves the picture is then followed to its end.
+    phase = np.asarray(wrap(phase - 2.0 * np.pi * lag), dtype=np.float32)
+    traces = trace_rings(phase, direction, frequency, face.confidence, valid, *face.limits)
+    moved, _ = _onto_edges(traces, strength, direction, frequency)
+    around = mean_slope(strength, valid, face.ring_scale_px)
+    kept = without_doubtful(believe(without_doubles(moved, frequency), strength, around, frequency))
+    kept = without_faint(kept, face.response, strength)
+    if not face.vessels:
+        # Beside a ring of vessels the latewood's fine texture would pass for another.
+        kept += missed_boundaries(kept, strength, direction, frequency, valid, around)
+    if growth.bright_outwards:
+        kept = _onto_latewood(kept, face.along, direction, frequency)
+    return kept_apart(kept, valid.shape), phase, strength
 
 
 def _ordered(
