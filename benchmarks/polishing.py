@@ -1,7 +1,7 @@
 """Phase polishing: Gauss-Newton steps against 500 steps of Adam on the same phase loss, from the same start.
 
 ``python benchmarks/polishing.py`` takes a synthetic flat-sawn board and a real board of 750 x 735 px through the stages
-and fails where a figure is missed; ``--all`` takes every synthetic scene, seeds 0 and 1, and three real scans.
+and fails where a figure is missed; ``--all`` takes every synthetic scene, seeds 0 and 1, and 17 crops of real boards.
 
 Adam, which nothing keeps from fitting the noise, may leave less of the phase; it pays with time and with rings that
 fold over. The share that is right on unseen planes is told, not judged: it depends on the pose first.
@@ -46,11 +46,18 @@ from woodfit.rings import wrap
 from woodfit.synthetic_scenes import SCENE_NAMES, Plane, encode_png, scene
 
 SHARED = Path(os.environ.get("WOODPIPE_SHARED", Path(__file__).resolve().parents[2] / "shared")) / "data" / "scans"
-# File, rows and columns of the crop, and by how much it is shrunk.
+# Real crops: file, by how much it is shrunk, and the top and left of each crop in px of the file.
+WALNUT = ((0, 0), (0, 550), (600, 275), (900, 275), (1300, 0), (1300, 550), (1960, 0), (1960, 550))
+BIRCH = ((0, 0), (100, 130), (0, 274), (289, 0), (289, 274))
+RED_OAK = ((0, 0), (0, 760), (0, 1500), (0, 2300))
 REAL = {
-    "walnut_flatsawn": ("boards/walnut_flatsawn.jpg", slice(900, 1635), slice(275, 1025), 1),
-    "red_birch": ("boards/red_birch.jpg", slice(100, 835), slice(130, 880), 1),
-    "red_oak_endgrain": ("boards/red_oak_endgrain.jpg", slice(0, 1380), slice(0, 1500), 2),
+    f"{name}_{number}": (f"boards/{file}.jpg", shrink, corner)
+    for name, file, shrink, corners in (
+        ("walnut", "walnut_flatsawn", 1, WALNUT),
+        ("birch", "red_birch", 1, BIRCH),
+        ("red_oak", "red_oak_endgrain", 2, RED_OAK),
+    )
+    for number, corner in enumerate(corners)
 }
 START_STAGE = "initial_distortion"
 SIZE_YX = (735, 750)
@@ -132,13 +139,13 @@ def draw_scans(folder: Path, every: bool) -> Iterator[tuple[Path, tuple[Plane, .
             path = folder / f"{name}_{seed}.png"
             path.write_bytes(encode_png(drawn.face.rgb_encoded, drawn.dpi))
             yield path, drawn.planes
-    for name in REAL if every else ("walnut_flatsawn",):
-        file, rows, columns, shrink = REAL[name]
+    for name in REAL if every else ("walnut_3",):
+        file, shrink, (top, left) = REAL[name]
         pixels = cv2.imread(str(SHARED / file)) if (SHARED / file).is_file() else None
         if pixels is None:
             print(f"{name}: not there, set WOODPIPE_SHARED")
             continue
-        crop = pixels[rows, columns]
+        crop = pixels[top : top + SIZE_YX[0] * shrink, left : left + SIZE_YX[1] * shrink]
         size = (crop.shape[1] // shrink, crop.shape[0] // shrink)
         path = folder / f"{name}.png"
         cv2.imwrite(str(path), cv2.resize(crop, size, interpolation=cv2.INTER_AREA))

@@ -39,14 +39,6 @@ from stages.variables import (
 
 Array = npt.NDArray[Any]
 
-#: Pixels are confident from here on; a 95 % residual above the second (rad), or a share of the traced boundaries above
-#: the third that lie a ring off, says that the count of the phase may be wrong.
-SURE, TORN_RAD, CONTRADICTED = 0.5, 0.7, 0.01
-
-#: Pixels that are believed less do not count at all. From which belief on the phase counts rings, in the order of
-#: trial: through doubtful wood, which leaves few numbers to the tracing; not across it; and, with infinity, nowhere.
-LEAST_BELIEF, COUNTED_FROM = 0.05, (0.2, 0.5, np.inf)
-
 
 class PhasePolishingParams(Params):
     """Parameters of `phase_polishing`."""
@@ -93,7 +85,7 @@ class PhasePolishingParams(Params):
 )
 def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
     """Minimise the cyclic phase difference between the face and the model over the displacement."""
-    from woodfit import cylinder_grid, displacement, ring_count
+    from woodfit import count_trial, cylinder_grid, ring_count
     from woodfit.anomalies import SOUND, STAIN
     from woodfit.face import stride_for
     from woodfit.rings import wrap
@@ -107,50 +99,29 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
     phase = phase * ring_count.outward_signs(phase, start_age, belief**2, frame.planes.face_of(y))[:, None]
     every = stride_for(phase.size, params.most_pixels)
     thinned = (slice(None, None, every),) * 2
-    seen = belief[thinned] > LEAST_BELIEF
+    seen = belief[thinned] > count_trial.LEAST_BELIEF
     seen_x, seen_y = (axis[seen] for axis in np.meshgrid(x[::every], y[::every]))
-    pixels = frame.observe(
-        seen_x,
-        seen_y,
-        phase[thinned][seen],
-        belief[thinned][seen] ** 2 * every**2,
+    found = count_trial.polish_by_best_count(
+        grid,
+        start.values,
+        phase[thinned],
+        belief[thinned],
+        start_age[thinned],
+        frame.observe(seen_x, seen_y, phase[thinned][seen], belief[thinned][seen] ** 2 * every**2),
+        frame.observe(ds[RING_X.name].values, ds[RING_Y.name].values, vertex_ages(ds), believed_weights(ds)),
+        table,
+        params.stiffness_px,
+        params.along_stem,
+        params.boundary_share,
     )
-    vertices = frame.observe(
-        ds[RING_X.name].values,
-        ds[RING_Y.name].values,
-        vertex_ages(ds),
-        believed_weights(ds),
-    )
-
-    best: tuple[float, displacement.Polished, Array, Array] | None = None
-    for least_belief in COUNTED_FROM:
-        counted = ring_count.count_rings(phase[thinned], belief[thinned], least_belief)
-        found = displacement.polish(
-            grid,
-            start.values,
-            pixels,
-            vertices,
-            table,
-            params.stiffness_px,
-            params.along_stem,
-            params.boundary_share,
-            counted.numbered(start_age[thinned], belief[thinned] ** 2)[seen] if counted.part.any() else None,
-        )
-        age = frame.age(x, y, grid, found.displacement, table)
-        residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
-        # Two sides of the pith that are joined a ring off fit as well, but for the boundaries.
-        worth = found.loss[-1] * (1.0 + found.contradicted)
-        if best is None or worth < best[0]:
-            best = worth, found, age, residual
-        if _worst(best[3], belief) <= TORN_RAD and best[1].contradicted <= CONTRADICTED:
-            break
-    assert best is not None  # for mypy: the first is always taken
-    _, found, age, residual = best
+    age = frame.age(x, y, grid, found.displacement, table)
+    residual = wrap(phase - 2.0 * np.pi * age).astype(np.float32)
     figures = {"loss": round(float(found.loss[-1]), 4)}
-    sure = np.abs(residual[belief > SURE])
+    sure = np.abs(residual[belief > count_trial.SURE])
     if sure.size:
+        worst = count_trial.worst_residual(residual, belief)
         figures["median residual at confident pixels (rad)"] = round(float(np.median(sure)), 3)
-        figures["95 % residual at confident pixels (rad)"] = round(_worst(residual, belief), 3)
+        figures["95 % residual at confident pixels (rad)"] = round(worst, 3)
     return xr.Dataset(
         {
             POLISHED_DISPLACEMENT.name: POLISHED_DISPLACEMENT.array(found.displacement),
@@ -161,9 +132,3 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         coords={name: ds.coords[name] for name in ("y", "x", "radius", "azimuth", "height")},
         attrs={"figures": figures},
     )
-
-
-def _worst(residual: Array, belief: Array) -> float:
-    """Residual that 95 % of the confident pixels keep to, rad; 0 without any."""
-    sure = np.abs(residual[belief > SURE])
-    return float(np.percentile(sure, 95)) if sure.size else 0.0

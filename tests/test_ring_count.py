@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from woodfit.count_trial import polish_by_best_count
 from woodfit.cylinder_grid import CylinderGrid, sample
 from woodfit.displacement import Observations, age_of_radius, initial_displacement, polish
 from woodfit.ring_count import count_rings, outward_signs
@@ -130,3 +131,24 @@ def test_a_ring_that_the_counts_are_apart_is_made_up_where_nothing_is_counted() 
     off = polished(boundaries(95.0), by_count=True, belief=doubtful) - r / 10.0
     npt.assert_allclose(off[r < 104.0], 0.0, atol=0.2)
     npt.assert_allclose(off[r > 122.0], 1.0, atol=0.05)
+
+
+@pytest.mark.parametrize("trusted", ["phase", "tracing"])
+def test_the_count_that_leaves_least_is_taken(trusted: str) -> None:
+    r, a = face()
+    belief = np.where(np.abs(r - 115.0) < 5.0, 0.3, 1.0)
+    if trusted == "phase":
+        # A line that is no boundary: the phase between the clear parts is right, though believed little.
+        age, held = r / 10.0, boundaries(95.0)
+        right = age
+    else:
+        # The tracing is right, and within the doubtful strip the phase makes up a ring that there is not.
+        right, held = r / 10.0, boundaries(None)
+        age = right + np.clip((r - 110.0) / 10.0, 0.0, 1.0)
+    start = initial_displacement(GRID, held, RINGS, 10.0, 2.0)
+    phase, start_age = wrapped(age), ages_of(start, r, a)
+    pixels = Observations(r.ravel(), a.ravel(), np.zeros(r.size), phase.ravel(), belief.ravel() ** 2)
+    stiffness = (48.0, 12.0, 3.0, 0.8, 0.3)
+    found = polish_by_best_count(GRID, start, phase, belief, start_age, pixels, held, RINGS, stiffness, 2.0, 0.1)
+    off = (ages_of(found.displacement, r, a) - right)[np.abs(r - 115.0) > 12.0]
+    npt.assert_allclose(off - np.round(np.median(off)), 0.0, atol=0.2)

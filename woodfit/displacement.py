@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,15 @@ class Observations:
     height: Array
     target: Array
     weight: Array
+
+    def at(self, places: Array) -> Observations:
+        """Some of the places, by index or as a bool array of shape (N,)."""
+        parts = (self.radius, self.azimuth, self.height, self.target, self.weight)
+        return Observations(*(part[places] for part in parts))
+
+    def weighing(self, times: float) -> Observations:
+        """The same of so many times the weight."""
+        return replace(self, weight=self.weight * times)
 
 
 @contextmanager
@@ -298,6 +307,11 @@ class Polished:
     displacement: npt.NDArray[np.float32]
     loss: npt.NDArray[np.float64]
     contradicted: float = 0.0
+
+    @property
+    def worth(self) -> float:
+        """What remains, less is better: two sides of the pith a ring off fit as well, but for the boundaries."""
+        return float(self.loss[-1]) * (1.0 + self.contradicted)
 
 
 def cyclic_loss(difference_rad: Array, weight: Array) -> float:
