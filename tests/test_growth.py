@@ -139,3 +139,26 @@ def test_a_bowed_board_without_vessels_brightens_outwards(pores: float, bright: 
     growth = find_growth(field.normal, field.asymmetry, field.explained, wood(shape), 22.0, pores=pores, along_stem=0.6)
     assert growth.bright_outwards == bright
     assert (np.sign(np.cos(growth.direction)) == (1.0 if bright else -1.0)).mean() > 0.98
+
+
+@pytest.mark.parametrize("confidence_of_corner", [0.1, 0.6])
+def test_growth_does_not_turn_round_along_the_rings(confidence_of_corner: float) -> None:
+    # Rings along y that brighten to the right, but to the left in a corner five rings wide.
+    shape, ring = (300, 320), 16.0
+    x, y = pixels(shape)
+    corner = (x < 5 * ring) & (y > 150)
+    normal = np.where(corner, np.pi, 0.0)
+    asymmetry = np.where(corner, 0.9, 0.3)
+    confidence = np.where(corner, confidence_of_corner, 0.6)
+    growth = find_growth(normal, asymmetry, confidence, wood(shape), ring)
+    assert (np.cos(growth.direction) > 0.9).mean() > 0.98
+
+
+def test_a_side_of_its_own_is_not_turned() -> None:
+    # The same evidence over the whole length of a side tears no ring: it is the other side of the pith.
+    shape, ring = (300, 320), 16.0
+    x, _ = pixels(shape)
+    side = x < 5 * ring
+    growth = find_growth(np.where(side, np.pi, 0.0), np.full(shape, 0.3), np.full(shape, 0.6), wood(shape), ring)
+    assert (np.cos(growth.direction) < 0.0)[x < 4 * ring].all()
+    assert (np.cos(growth.direction) > 0.0)[x > 6 * ring].all()

@@ -15,7 +15,8 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import cg
 
 from woodfit.photograph import thickness
@@ -106,28 +107,55 @@ def _cells(
 _FADING = 0.03
 
 
-def _settle(cells: _Cells, evidence: Sequence[FloatArray]) -> list[npt.NDArray[np.float64]]:
-    """Evidence spread over the bonds: the sign of each result is the verdict of a cell's whole surroundings.
-
-    The relaxed Ising model: minimises the weighted squared differences between neighbours (turned where their normals
-    oppose) with a weak pull to zero, driven by the evidence. Convex, so no wall can be left standing by accident.
-    """
+def _joined(cells: _Cells) -> csr_array:
+    """Bonds between all cells (N, N): each of two neighbours measures along its own ring, their bond is the mean."""
     rows, cols = cells.asymmetry.shape
     number = np.arange(rows * cols).reshape(rows, cols)
     entries = []
     for dy, dx, bond in cells.bonds:
         here = (slice(max(0, -dy), rows - max(0, dy)), slice(max(0, -dx), cols - max(0, dx)))
         there = (slice(max(0, dy), rows - max(0, -dy)), slice(max(0, dx), cols - max(0, -dx)))
-        entries.append((number[here].ravel(), number[there].ravel(), -bond[here].ravel().astype(np.float64)))
+        entries.append((number[here].ravel(), number[there].ravel(), bond[here].ravel().astype(np.float64)))
     i, j, value = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     bonds = coo_array((value, (i, j)), shape=(rows * cols, rows * cols)).tocsr()
-    # Each of two neighbours measures along its own ring; their bond is the mean.
-    bonds = 0.5 * (bonds + bonds.T)
+    return csr_array(0.5 * (bonds + bonds.T))
+
+
+def _settle(cells: _Cells, evidence: Sequence[FloatArray]) -> list[npt.NDArray[np.float64]]:
+    """Evidence spread over the bonds: the sign of each result is the verdict of a cell's whole surroundings.
+
+    The relaxed Ising model: minimises the weighted squared differences between neighbours (turned where their normals
+    oppose) with a weak pull to zero, driven by the evidence. Convex, so no wall can be left standing by accident.
+    """
+    bonds = _joined(cells)
     diagonal = np.asarray(abs(bonds).sum(axis=1)).ravel() + _FADING * cells.strength.ravel() + 1e-6
-    matrix = bonds + diags_array(diagonal)
+    matrix = diags_array(diagonal) - bonds
     scale = diags_array(1.0 / diagonal)
     solved = [cg(matrix, e.ravel().astype(np.float64), rtol=1e-5, maxiter=2000, M=scale)[0] for e in evidence]
-    return [x.reshape(rows, cols) for x in solved]
+    return [x.reshape(cells.asymmetry.shape) for x in solved]
+
+
+def _without_tears(cells: _Cells, spin: npt.NDArray[Any], evidence: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Spins of which areas are turned that cost more at the rings they tear than the evidence within them says.
+
+    The relaxed model gives way to the evidence of a faint area, although growth never turns round along a ring. Here
+    the same energy is compared with whole spins: an area is one within which all bonds agree.
+    """
+    bonds = _joined(cells)
+    s, pull = np.asarray(spin, np.float64).ravel().copy(), np.asarray(evidence, np.float64).ravel()
+    while True:
+        kept = bonds.multiply(s[:, None]).multiply(s[None, :]).tocsr()
+        count, area = connected_components(kept.maximum(0.0), directed=False)
+        pairs = kept.tocoo()
+        across = area[pairs.row] != area[pairs.col]
+        cost = np.bincount(area[pairs.row[across]], pairs.data[across], count) + np.bincount(area, pull * s, count)
+        # Of neighbours that both would gain the one that gains more is turned: turned together they might gain nothing.
+        beside = np.zeros(count)
+        np.minimum.at(beside, area[pairs.row[across]], cost[area[pairs.col[across]]])
+        turned = cost < beside
+        if count < 2 or not turned.any():
+            return s.reshape(spin.shape)
+        s[turned[area]] *= -1.0
 
 
 def outward_flux(direction: npt.NDArray[Any], confidence: npt.NDArray[Any], ring_scale_px: float) -> float:
@@ -209,8 +237,10 @@ def find_growth(
     edges = 1.0 if outwards else -1.0
     agreed = edges * float((np.sign(bent) * cells.asymmetry).sum()) > 0.0
     one_sided = along_stem < 0.5 and agreed and _one_sided(cells, bent, valid, ring_scale_px)
-    verdict = bent if one_sided else bent + edges * stepped
-    direction = _expand(cells, np.sign(verdict), normal)
+    verdict = np.sign(bent if one_sided else bent + edges * stepped)
+    if not one_sided:
+        verdict = _without_tears(cells, verdict, cells.convexity + edges * cells.asymmetry)
+    direction = _expand(cells, verdict, normal)
     flux = outward_flux(direction, confidence * valid, ring_scale_px)
     return Growth(direction, outwards, float(sureness), flux)
 

@@ -20,7 +20,6 @@ from woodfit.ring_sides import without_streaks
 from woodfit.streamlines import smooth_along
 from woodfit.trace_spacing import kept_apart, without_doubles
 from woodfit.tracing import Trace, trace_rings
-from woodfit.turned_growth import against_indices
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -179,12 +178,6 @@ def find_rings(
     )
     kept, phase, strength = _traced(face, growth)
     order = _ordered(kept, growth, frequency, valid, phase)
-    if pith is None:
-        turned = against_indices(kept, order, growth.direction, frequency, valid, ring_scale_px)
-        if turned.any():
-            growth = replace(growth, direction=wrap(growth.direction + np.pi * turned).astype(np.float32))
-            kept, phase, strength = _traced(face, growth)
-            order = _ordered(kept, growth, frequency, valid, phase)
     dotted = texture.dotted
     if pith is None and not dotted:
         clear = without_streaks(kept, order.index, growth.direction, strength, ring_scale_px)
