@@ -37,8 +37,8 @@ def grain_ratio(value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: n
     return float((weight * across**2).sum() / max(float((weight * along**2).sum()), 1e-12))
 
 
-#: Fine texture more skewed than `PORES` (see `pore_evidence`) comes from vessels. So does what is
-#: streaked along the rings more than `STREAKED` (see `grain_ratio`), if its dark side is the longer by `DARKER` (see
+#: Fine texture more skewed than `PORES` (see `pore_evidence`) comes from vessels. So does what is streaked along the
+#: rings more than `STREAKED` (see `grain_ratio`), if its dark side is the longer by `DARKER` (see
 #: `woodfit.vessels.darker_side`): fibres make streaks to both sides alike, 1.05 and below on drawn boards, and vessels
 #: 1.07 and above.
 PORES, STREAKED, DARKER = -0.8, 3.5, 1.06

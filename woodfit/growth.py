@@ -121,13 +121,12 @@ def _joined(cells: _Cells) -> csr_array:
     return csr_array(0.5 * (bonds + bonds.T))
 
 
-def _settle(cells: _Cells, evidence: Sequence[FloatArray]) -> list[npt.NDArray[np.float64]]:
+def _settle(cells: _Cells, bonds: csr_array, evidence: Sequence[FloatArray]) -> list[npt.NDArray[np.float64]]:
     """Evidence spread over the bonds: the sign of each result is the verdict of a cell's whole surroundings.
 
     The relaxed Ising model: minimises the weighted squared differences between neighbours (turned where their normals
     oppose) with a weak pull to zero, driven by the evidence. Convex, so no wall can be left standing by accident.
     """
-    bonds = _joined(cells)
     diagonal = np.asarray(abs(bonds).sum(axis=1)).ravel() + _FADING * cells.strength.ravel() + 1e-6
     matrix = diags_array(diagonal) - bonds
     scale = diags_array(1.0 / diagonal)
@@ -135,13 +134,12 @@ def _settle(cells: _Cells, evidence: Sequence[FloatArray]) -> list[npt.NDArray[n
     return [x.reshape(cells.asymmetry.shape) for x in solved]
 
 
-def _without_tears(cells: _Cells, spin: npt.NDArray[Any], evidence: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+def _without_tears(bonds: csr_array, spin: npt.NDArray[Any], evidence: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """Spins of which areas are turned that cost more at the rings they tear than the evidence within them says.
 
     The relaxed model gives way to the evidence of a faint area, although growth never turns round along a ring. Here
     the same energy is compared with whole spins: an area is one within which all bonds agree.
     """
-    bonds = _joined(cells)
     s, pull = np.asarray(spin, np.float64).ravel().copy(), np.asarray(evidence, np.float64).ravel()
     while True:
         kept = bonds.multiply(s[:, None]).multiply(s[None, :]).tocsr()
@@ -222,7 +220,8 @@ def find_growth(
     if pith is not None:
         return _around(pith, normal, asymmetry, confidence * valid, ring_scale_px, bright_outwards)
     cells = _cells(normal, asymmetry, confidence, valid, ring_scale_px)
-    bent, stepped = _settle(cells, (cells.convexity, cells.asymmetry))
+    bonds = _joined(cells)
+    bent, stepped = _settle(cells, bonds, (cells.convexity, cells.asymmetry))
     # How well the two kinds of evidence agree over the face, -1..1: convex rings against brightening edges.
     together = float((cells.convexity * stepped).sum())
     apart = float((cells.convexity * bent).sum()) * float((cells.asymmetry * stepped).sum())
@@ -239,7 +238,7 @@ def find_growth(
     one_sided = along_stem < 0.5 and agreed and _one_sided(cells, bent, valid, ring_scale_px)
     verdict = np.sign(bent if one_sided else bent + edges * stepped)
     if not one_sided:
-        verdict = _without_tears(cells, verdict, cells.convexity + edges * cells.asymmetry)
+        verdict = _without_tears(bonds, verdict, cells.convexity + edges * cells.asymmetry)
     direction = _expand(cells, verdict, normal)
     flux = outward_flux(direction, confidence * valid, ring_scale_px)
     return Growth(direction, outwards, float(sureness), flux)

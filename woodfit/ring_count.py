@@ -18,7 +18,6 @@ from skimage.restoration import unwrap_phase
 Array = npt.NDArray[Any]
 
 
-
 @dataclass(frozen=True)
 class RingCount:
     """Rings counted by the phase on a face.
