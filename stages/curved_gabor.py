@@ -90,7 +90,7 @@ def _halo(ds: xr.Dataset, params: CurvedGaborParams) -> int:
         CURVATURE,
         RING_ORIENTATION,
     ),
-    version=4,
+    version=5,
     params=CurvedGaborParams,
     halo=_halo,
 )

@@ -96,6 +96,18 @@ def test_a_wave_of_twice_or_half_the_frequency_is_hardly_answered(form: str) -> 
 
 
 @pytest.mark.parametrize("form", FORMS)
+def test_fine_stripes_leave_the_phase_of_wide_rings_alone(form: str) -> None:
+    shape, tangent = (60, 240), np.pi / 2
+    age, stripes = straight(shape, 96.0, tangent), straight(shape, 6.4, tangent)
+    value = wave(age, 0.1) + wave(stripes, 0.1) - 0.5
+    wide = Region(p=80, q=20, sigma_along_px=8.0)
+    inputs = (value, wood(shape), np.full(shape, tangent), np.full(shape, 1 / 96.0), wide)
+    columns = slice(80, -80)
+    relative = FORMS[form](*inputs)[25:35, columns] / np.exp(2j * np.pi * age[25:35, columns])
+    assert np.abs(np.angle(relative)).max() < 0.05
+
+
+@pytest.mark.parametrize("form", FORMS)
 def test_the_response_turns_with_the_image(form: str) -> None:
     value = board(side=96)
     angle, _ = orientation(value, wood(value.shape), 1.0, 8.0)

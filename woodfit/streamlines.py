@@ -24,10 +24,8 @@ MARGIN_PX = 10
 
 
 @njit(inline="always")
-def advance(
-    dir_x: FloatArray, dir_y: FloatArray, x: Any, y: Any, px: Any, py: Any, pace: Any
-) -> tuple[Any, Any, Any, Any]:
-    """A step of `pace` px from (x, y), last direction (px, py): the new place and the direction it was taken in."""
+def advance(dir_x: FloatArray, dir_y: FloatArray, x: Any, y: Any, px: Any, py: Any) -> tuple[Any, Any, Any, Any]:
+    """A step of one px from (x, y), last direction (px, py): the new place and the direction it was taken in."""
     # Unsigned indices: numba needs no test for negative ones.
     col = np.uint32(np.int32(x + np.float32(0.5)))
     row = np.uint32(np.int32(y + np.float32(0.5)))
@@ -36,8 +34,8 @@ def advance(
     sign = np.float32(1.0) if dx * px + dy * py >= np.float32(0.0) else np.float32(-1.0)
     dx *= sign
     dy *= sign
-    x += pace * (np.float32(1.5) * dx - np.float32(0.5) * px)
-    y += pace * (np.float32(1.5) * dy - np.float32(0.5) * py)
+    x += np.float32(1.5) * dx - np.float32(0.5) * px
+    y += np.float32(1.5) * dy - np.float32(0.5) * py
     return x, y, dx, dy
 
 
@@ -87,10 +85,10 @@ def _two_free(
     cx, cy, cpx, cpy = ax + one, ay, tan_x[row, col + 1], tan_y[row, col + 1]
     dx, dy, dpx, dpy = cx, cy, -cpx, -cpy
     for j in range(1, taper.shape[0]):
-        ax, ay, apx, apy = advance(tan_x, tan_y, ax, ay, apx, apy, one)
-        bx, by, bpx, bpy = advance(tan_x, tan_y, bx, by, bpx, bpy, one)
-        cx, cy, cpx, cpy = advance(tan_x, tan_y, cx, cy, cpx, cpy, one)
-        dx, dy, dpx, dpy = advance(tan_x, tan_y, dx, dy, dpx, dpy, one)
+        ax, ay, apx, apy = advance(tan_x, tan_y, ax, ay, apx, apy)
+        bx, by, bpx, bpy = advance(tan_x, tan_y, bx, by, bpx, bpy)
+        cx, cy, cpx, cpy = advance(tan_x, tan_y, cx, cy, cpx, cpy)
+        dx, dy, dpx, dpy = advance(tan_x, tan_y, dx, dy, dpx, dpy)
         first += taper[j] * (sample(image, ax, ay) + sample(image, bx, by))
         second += taper[j] * (sample(image, cx, cy) + sample(image, dx, dy))
     return first, second
@@ -113,7 +111,7 @@ def _one_way(
     x, y = np.float32(col), np.float32(row)
     px, py = sign * tan_x[row, col], sign * tan_y[row, col]
     for j in range(1, taper.shape[0]):
-        x, y, px, py = advance(tan_x, tan_y, x, y, px, py, np.float32(1.0))
+        x, y, px, py = advance(tan_x, tan_y, x, y, px, py)
         if not inside(x, y, right, bottom):
             break
         acc += taper[j] * sample(weighted, x, y)

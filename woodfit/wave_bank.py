@@ -44,7 +44,7 @@ def _profile(
         if side == 1:
             px, py = -px, -py
         for j in range(1, profile.shape[1]):
-            x, y, px, py = advance(nor_x, nor_y, x, y, px, py, np.float32(1.0))
+            x, y, px, py = advance(nor_x, nor_y, x, y, px, py)
             if whole:
                 weight[side, j] = np.float32(1.0)
                 profile[side, j] = sample(smooth, x, y) - center

@@ -21,8 +21,6 @@ ComplexArray = npt.NDArray[np.complex64]
 
 #: A one-sided or nearly empty window cannot tell the wave from its mean: it is damped instead of blowing up.
 _DAMPING = 0.02
-#: A path takes so many samples of a wave at most: longer waves are walked in longer steps.
-_SAMPLES = 16.0
 
 
 @njit(inline="always")
@@ -73,11 +71,9 @@ def _fit_across(
         row, col = rows[i], cols[i]
         center = smooth[row, col]
         f = float(frequency[i])
-        stride = max(1.0, 1.0 / (_SAMPLES * f))
-        f *= stride
         sigma = cycles / f
-        extent = min(int(p / stride), int(3.0 * sigma) + 1)
-        pace = np.float32(stride)
+        # Long waves are walked as finely as short ones: in longer steps fine fibres pass for a ripple of the phase.
+        extent = min(p, int(3.0 * sigma) + 1)
         # The window and the wave by recurrence: no transcendental function in the inner loop.
         turn_c = np.cos(2.0 * np.pi * f)
         turn_s = np.sin(2.0 * np.pi * f)
@@ -92,10 +88,10 @@ def _fit_across(
         y = v = np.float32(row)
         px, py = nor_x[row, col], nor_y[row, col]
         pu, pv = -px, -py
-        if free[row, col] >= extent * stride:
+        if free[row, col] >= extent:
             for _ in range(extent):
-                x, y, px, py = advance(nor_x, nor_y, x, y, px, py, pace)
-                u, v, pu, pv = advance(nor_x, nor_y, u, v, pu, pv, pace)
+                x, y, px, py = advance(nor_x, nor_y, x, y, px, py)
+                u, v, pu, pv = advance(nor_x, nor_y, u, v, pu, pv)
                 gauss *= fall
                 fall *= shrink
                 c, s = c * turn_c - s * turn_s, c * turn_s + s * turn_c
@@ -119,14 +115,14 @@ def _fit_across(
             z_ahead = np.float32(0.0)
             z_behind = np.float32(0.0)
             if on_ahead:
-                x, y, px, py = advance(nor_x, nor_y, x, y, px, py, pace)
+                x, y, px, py = advance(nor_x, nor_y, x, y, px, py)
                 on_ahead = inside(x, y, right, bottom)
                 if on_ahead:
                     ahead = sample(support, x, y)
                     if ahead > np.float32(1e-6):
                         z_ahead = sample(supported, x, y) / ahead - center
             if on_behind:
-                u, v, pu, pv = advance(nor_x, nor_y, u, v, pu, pv, pace)
+                u, v, pu, pv = advance(nor_x, nor_y, u, v, pu, pv)
                 on_behind = inside(u, v, right, bottom)
                 if on_behind:
                     behind = sample(support, u, v)
