@@ -79,7 +79,7 @@ class PhasePolishingParams(Params):
         AZIMUTH_WRAPS,
     ),
     provides=(POLISHED_DISPLACEMENT, FACE_AGE, PHASE_RESIDUAL, LOSS),
-    version=8,
+    version=9,
     params=PhasePolishingParams,
     sees_block=True,
 )
@@ -96,7 +96,8 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
     x, y, table = ds.coords["x"].values, ds.coords["y"].values, ds[RING_RADIUS.name].values
     belief = ds[PHASE_CONFIDENCE.name].values * np.isin(ds[ANOMALY.name].values, (SOUND, STAIN))
     start_age, phase = frame.age(x, y, grid, start.values, table), ds[RING_PHASE.name].values
-    phase = phase * ring_count.outward_signs(phase, start_age, belief**2, frame.planes.face_of(y))[:, None]
+    face = frame.planes.face_of(y)
+    phase = phase * ring_count.outward_signs(phase, start_age, belief**2, face)[:, None]
     every = stride_for(phase.size, params.most_pixels)
     thinned = (slice(None, None, every),) * 2
     seen = belief[thinned] > count_trial.LEAST_BELIEF
@@ -107,6 +108,7 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         phase[thinned],
         belief[thinned],
         start_age[thinned],
+        face[::every],
         frame.observe(seen_x, seen_y, phase[thinned][seen], belief[thinned][seen] ** 2 * every**2),
         frame.observe(ds[RING_X.name].values, ds[RING_Y.name].values, vertex_ages(ds), believed_weights(ds)),
         table,

@@ -149,6 +149,8 @@ def test_the_count_that_leaves_least_is_taken(trusted: str) -> None:
     phase, start_age = wrapped(age), ages_of(start, r, a)
     pixels = Observations(r.ravel(), a.ravel(), np.zeros(r.size), phase.ravel(), belief.ravel() ** 2)
     stiffness = (48.0, 12.0, 3.0, 0.8, 0.3)
-    found = polish_by_best_count(GRID, start, phase, belief, start_age, pixels, held, RINGS, stiffness, 2.0, 0.1)
+    found = polish_by_best_count(
+        GRID, start, phase, belief, start_age, np.zeros(len(r), int), pixels, held, RINGS, stiffness, 2.0, 0.1
+    )
     off = (ages_of(found.displacement, r, a) - right)[np.abs(r - 115.0) > 12.0]
     npt.assert_allclose(off - np.round(np.median(off)), 0.0, atol=0.2)

@@ -36,6 +36,7 @@ def polish_by_best_count(
     phase: Array,
     belief: Array,
     start_age: Array,
+    face: Array,
     pixels: Observations,
     boundaries: Observations,
     ring_radius: Array,
@@ -51,6 +52,8 @@ def polish_by_best_count(
         As in `woodfit.displacement.polish`.
     phase, belief, start_age : arrays of shape (H, W)
         Ring phase on the face (rad), its confidence, and the ring ages that `start` gives.
+    face : int array of shape (H,)
+        Face of each row.
     pixels : Observations
         Of the pixels of `phase` that are believed more than `LEAST_BELIEF`, in their order.
 
@@ -71,7 +74,7 @@ def polish_by_best_count(
     some, sure = pixels.at(few), belief[rows, columns][few]
     tried: list[tuple[float, RingCount]] = []
     for least_belief in COUNTED_FROM:
-        counted = count_rings(phase, belief, least_belief)
+        counted = count_rings(phase, belief, least_belief, face)
         found = polished(counted, few, TRIED_EVERY**2)
         tried.append((found.worth, counted))
         moved, _, _ = sample(grid, found.displacement, some.radius, some.azimuth, some.height)

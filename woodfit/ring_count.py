@@ -8,12 +8,14 @@ rings) it stays off, and a wall is left between two counts. The unwrapped phase 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import label
-from skimage.restoration import unwrap_phase
+
+from woodfit.unwrapping import unwrap
 
 Array = npt.NDArray[Any]
 
@@ -50,33 +52,33 @@ class RingCount:
         return np.where(counted, self.age + most[self.part], np.nan)
 
 
-def count_rings(phase: Array, belief: Array, least_belief: float) -> RingCount:
-    """Unwrap the phase, the most reliable pixels first.
-
-    The method is that of Herráez et al. (Applied Optics 41, 2002): where the phase contradicts itself (at dislocations,
-    places about which it turns once), the jump is left between the pixels that vary most.
+def count_rings(phase: Array, belief: Array, least_belief: float, face: Array | None = None) -> RingCount:
+    """Unwrap the phase; where it contradicts itself it is torn through wood that is believed little.
 
     Parameters
     ----------
     phase : array of shape (H, W)
         Ring phase, rad.
     belief : array of shape (H, W)
-        Confidence of it.
+        Confidence of it, 0..1.
     least_belief : float
         Pixels that are believed less are not counted across.
+    face : int array of shape (H,), optional
+        Face of each row, growing; faces are counted apart.
 
     Returns
     -------
     RingCount
     """
     seen = belief > least_belief
-    part, _ = label(seen)
-    if seen.any():
-        whole: Array = unwrap_phase(np.ma.masked_array(np.asarray(phase, np.float64), ~seen), rng=0)
-        age = np.where(seen, np.ma.getdata(whole), 0.0) / (2.0 * np.pi)
-    else:
-        age = np.zeros(phase.shape)
-    return RingCount(age, part.astype(np.int32))
+    first = np.zeros(1, int) if face is None else np.flatnonzero(np.diff(face, prepend=-1))
+    ages, parts, count = [], [], 0
+    for rows in (slice(*ends) for ends in pairwise([*first, len(phase)])):
+        ages.append(unwrap(phase[rows], np.where(seen[rows], belief[rows], 0.0)))
+        part, more = label(seen[rows])
+        parts.append(np.where(part > 0, part + count, 0).astype(np.int32))
+        count += more
+    return RingCount(np.concatenate(ages), np.concatenate(parts))
 
 
 def outward_signs(phase: Array, age: Array, weight: Array, face: Array) -> npt.NDArray[np.float32]:
