@@ -43,7 +43,7 @@ Array = npt.NDArray[Any]
 class PhasePolishingParams(Params):
     """Parameters of `phase_polishing`."""
 
-    stiffness_px: tuple[PositiveFloat, ...] = Field(default=(48.0, 12.0, 3.0, 0.8, 0.3), min_length=1)
+    stiffness_px: tuple[PositiveFloat, ...] = Field(default=(12.0, 3.0, 0.8, 0.3, 0.1, 0.05), min_length=1)
     """Smoothing length of each Gauss-Newton step, coarse to fine, px."""
 
     along_stem: PositiveFloat = 2.0

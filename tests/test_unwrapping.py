@@ -26,7 +26,9 @@ def tears(age: Array, phase: Array, axis: int) -> Array:
 
 def cost(age: Array, phase: Array, belief: Array) -> float:
     between = [np.minimum(belief[:, 1:], belief[:, :-1]), np.minimum(belief[1:], belief[:-1])]
-    return sum(float((np.abs(tears(age, phase, axis)) * each).sum()) for axis, each in zip((1, 0), between, strict=True))
+    return sum(
+        float((np.abs(tears(age, phase, axis)) * each).sum()) for axis, each in zip((1, 0), between, strict=True)
+    )
 
 
 def least_cost(phase: Array, belief: Array) -> float:
@@ -93,9 +95,10 @@ def test_tears_run_through_faint_wood(through: str) -> None:
 def test_each_face_is_counted_by_itself() -> None:
     phase = wrapped(two_rings_that_end())
     belief = np.random.default_rng(3).random(phase.shape) * 0.2 + 0.5
-    alone = count_rings(phase, belief, 0.1)
-    both = count_rings(np.concatenate([phase, -phase]), np.tile(belief, (2, 1)), 0.1, np.repeat([0, 1], 120))
-    npt.assert_array_equal(both.age[:120], alone.age)
-    npt.assert_array_equal(both.part[:120], 1)
-    npt.assert_array_equal(both.part[120:], 2)
-    npt.assert_allclose(both.age[120:], count_rings(-phase, belief, 0.1).age)
+    alone = count_rings(phase, belief, 0.1, np.zeros(120, int))
+    turned = count_rings(-phase, belief, 0.1, np.zeros(120, int))
+    both = count_rings(np.concatenate([phase, -phase]), np.tile(belief, (2, 1)), 0.1, np.repeat([3, 7], 120))
+    npt.assert_allclose(both.age, np.concatenate([alone.age, turned.age]))
+    # Each has a number of its own, though they touch.
+    told, everywhere = np.concatenate([alone.age + 2.0, turned.age - 5.0]), np.ones((240, 120), bool)
+    npt.assert_allclose(both.numbered(everywhere, told, np.ones(told.shape)), told)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from woodfit.cylinder_grid import CylinderGrid, sample
 from woodfit.displacement import Observations, Polished, age_of_radius, polish
-from woodfit.ring_count import RingCount, count_rings
+from woodfit.ring_count import count_rings
 from woodfit.rings import wrap
 
 Array = npt.NDArray[Any]
@@ -62,27 +62,24 @@ def polish_by_best_count(
     Polished
     """
     rows, columns = np.nonzero(belief > LEAST_BELIEF)
+    counted = count_rings(phase, belief, COUNTED_FROM[0], face)
 
-    def polished(counted: RingCount, places: Array, each: float) -> Polished:
-        count = None
-        if counted.part.any():
-            count = counted.numbered(start_age, belief**2)[rows, columns][places]
+    def polished(least_belief: float, places: Array, each: float) -> Polished:
+        count = counted.numbered(belief > least_belief, start_age, belief**2)[rows, columns][places]
         some = pixels.at(places).weighing(each)
         return polish(grid, start, some, boundaries, ring_radius, stiffness_px, along_stem, boundary_share, count)
 
     few = (rows % TRIED_EVERY == 0) & (columns % TRIED_EVERY == 0)
     some, sure = pixels.at(few), belief[rows, columns][few]
-    tried: list[tuple[float, RingCount]] = []
+    tried: list[tuple[float, float]] = []
     for least_belief in COUNTED_FROM:
-        counted = count_rings(phase, belief, least_belief, face)
-        found = polished(counted, few, TRIED_EVERY**2)
-        tried.append((found.worth, counted))
+        found = polished(least_belief, few, TRIED_EVERY**2)
+        tried.append((found.worth, least_belief))
         moved, _, _ = sample(grid, found.displacement, some.radius, some.azimuth, some.height)
         left = wrap(some.target - 2.0 * np.pi * age_of_radius(some.radius + moved, ring_radius)[0])
         if found.contradicted <= CONTRADICTED and worst_residual(left, sure) <= TORN_RAD:
             break
-    best = min(tried, key=lambda one: one[0])[1]
-    return polished(best, np.ones(len(rows), bool), 1.0)
+    return polished(min(tried)[1], np.ones(len(rows), bool), 1.0)
 
 
 def worst_residual(residual_rad: Array, belief: Array) -> float:

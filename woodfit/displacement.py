@@ -28,7 +28,7 @@ _COARSER, _BEND_RINGS, _SLACK = 4, 8.0, 1e-4
 
 #: How far a counted age may miss before it fades, step by step, rings: at first all count in full, so that a start that
 #: contradicts them is left. What remains in the first step of the weight of all that is not counted.
-_COUNT_MISSES, _GIVING_WAY = (1e3, 1e3, 2.0, 1.0, 0.5), 1e-3
+_COUNT_MISSES, _GIVING_WAY = (1e3, 1e3, 1e3, 1.0, 0.5), 1e-3
 
 
 @dataclass(frozen=True)
@@ -364,7 +364,9 @@ def polish(
     field = base = torch.from_numpy(np.ascontiguousarray(start, np.float32).reshape(-1))
     heavy = boundary_share * float(pixels.weight.sum()) / max(float(boundaries.weight.sum()), 1e-9)
     losses: list[float] = []
-    counted = np.zeros(len(pixels.target), bool) if count is None else np.isfinite(count)
+    count = np.full(len(pixels.target), np.nan) if count is None else count
+    counted = np.isfinite(count)
+    counts = bool(counted.any())
     for step, stiffness in enumerate(stiffness_px):
         now = at_pixels.at(field).numpy()
         age, width = age_of_radius(pixels.radius + now, ring_radius)
@@ -375,7 +377,7 @@ def polish(
         # 1 - cos(x) is a parabola of height x sin(x): the weight of its Gauss-Newton step is sin(x) / x.
         fades = np.sinc(2.0 * turn)
         wanted = now + turn * width
-        if count is not None:
+        if counts:
             fades = _GIVING_WAY * fades if step == 0 else fades
             miss = (count - age)[counted] / _COUNT_MISSES[min(step, len(_COUNT_MISSES) - 1)]
             fades[counted] = 1.0 / (1.0 + miss**2)
@@ -388,7 +390,7 @@ def polish(
         vertex_age, vertex_width = age_of_radius(boundaries.radius + held, ring_radius)
         miss = boundaries.target - vertex_age
         vertex_weight = heavy * boundaries.weight * (scale / vertex_width) ** 2 / (1.0 + (miss / 0.25) ** 2)
-        if count is not None and step == 0:
+        if counts and step == 0:
             vertex_weight = _GIVING_WAY * vertex_weight
         vertex_wanted = radius_of_age(boundaries.target, ring_radius) - boundaries.radius
         terms = [
@@ -396,7 +398,7 @@ def polish(
             (at_vertices, tensor(vertex_weight), tensor(vertex_wanted)),
         ]
         # The start's own shape is kept where nothing is seen; only the change is kept smooth.
-        field = solve(terms, membrane, float(stiffness), field, 60, base)
+        field = solve(terms, membrane, float(stiffness), field, 30, base)
         smooth = without_fold(field.view(grid.shape).numpy(), grid.radius)
         field = torch.from_numpy(smooth.astype(np.float32).reshape(-1))
         age, _ = age_of_radius(pixels.radius + at_pixels.at(field).numpy(), ring_radius)

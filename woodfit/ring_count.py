@@ -22,37 +22,40 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class RingCount:
-    """Rings counted by the phase on a face.
+    """Rings counted by the phase on one or more faces, which lie below one another.
 
     Attributes
     ----------
     age : array of shape (H, W)
-        The phase in rings without its jumps, up to one whole number in each part.
-    part : int array of shape (H, W)
-        Pixels that hang together, from 1; 0 where nothing is counted.
+        The phase in rings without its jumps, up to a whole number.
+    tops : int array of shape (F + 1,)
+        First row of each face, and the end of the last one.
     """
 
     age: npt.NDArray[np.float64]
-    part: npt.NDArray[np.int32]
+    tops: npt.NDArray[np.int64]
 
-    def numbered(self, age: Array, weight: Array) -> npt.NDArray[np.float64]:
-        """Count with the whole number in each part that most of the `weight` has by ring ages `age`, both (H, W).
+    def numbered(self, counted: Array, age: Array, weight: Array) -> npt.NDArray[np.float64]:
+        """Count with whole numbers by ring ages `age`, all of shape (H, W); NaN off the pixels that are `counted`.
 
-        NaN where nothing is counted.
+        Those that hang together have one number, the one that most of the `weight` has.
         """
-        counted = self.part > 0
-        part, weight = self.part[counted], weight[counted]
-        off = np.round(age[counted] - self.age[counted]).astype(np.int64)
-        if not off.size:
+        part, count = np.zeros(self.age.shape, np.int64), 0
+        for rows in (slice(*ends) for ends in pairwise(self.tops)):
+            own, more = label(counted[rows])
+            part[rows] = np.where(own > 0, own + count, 0)
+            count += more
+        if not count:
             return np.full(self.age.shape, np.nan)
+        off = np.round(age[counted] - self.age[counted]).astype(np.int64)
         first = int(off.min())
         span = int(off.max()) - first + 1
-        votes = np.bincount(part * span + off - first, weight, minlength=(int(part.max()) + 1) * span)
+        votes = np.bincount(part[counted] * span + off - first, weight[counted], minlength=(count + 1) * span)
         most = first + votes.reshape(-1, span).argmax(axis=1)
-        return np.where(counted, self.age + most[self.part], np.nan)
+        return np.where(counted, self.age + most[part], np.nan)
 
 
-def count_rings(phase: Array, belief: Array, least_belief: float, face: Array | None = None) -> RingCount:
+def count_rings(phase: Array, belief: Array, least_belief: float, face: Array) -> RingCount:
     """Unwrap the phase; where it contradicts itself it is torn through wood that is believed little.
 
     Parameters
@@ -62,23 +65,18 @@ def count_rings(phase: Array, belief: Array, least_belief: float, face: Array | 
     belief : array of shape (H, W)
         Confidence of it, 0..1.
     least_belief : float
-        Pixels that are believed less are not counted across.
-    face : int array of shape (H,), optional
+        Where it is believed less, a tear costs nothing.
+    face : int array of shape (H,)
         Face of each row, growing; faces are counted apart.
 
     Returns
     -------
     RingCount
     """
-    seen = belief > least_belief
-    first = np.zeros(1, int) if face is None else np.flatnonzero(np.diff(face, prepend=-1))
-    ages, parts, count = [], [], 0
-    for rows in (slice(*ends) for ends in pairwise([*first, len(phase)])):
-        ages.append(unwrap(phase[rows], np.where(seen[rows], belief[rows], 0.0)))
-        part, more = label(seen[rows])
-        parts.append(np.where(part > 0, part + count, 0).astype(np.int32))
-        count += more
-    return RingCount(np.concatenate(ages), np.concatenate(parts))
+    cost = np.where(belief > least_belief, belief, 0.0)
+    tops = np.append(np.flatnonzero(np.diff(face, prepend=face[0] - 1)), len(face))
+    ages = [unwrap(phase[rows], cost[rows]) for rows in (slice(*ends) for ends in pairwise(tops))]
+    return RingCount(np.concatenate(ages), tops)
 
 
 def outward_signs(phase: Array, age: Array, weight: Array, face: Array) -> npt.NDArray[np.float32]:
