@@ -109,7 +109,7 @@ def phase_polishing(ds: xr.Dataset, params: PhasePolishingParams) -> xr.Dataset:
         belief[thinned],
         start_age[thinned],
         face[::every],
-        frame.observe(seen_x, seen_y, phase[thinned][seen], belief[thinned][seen] ** 2 * every**2),
+        frame.observe(seen_x, seen_y, phase[thinned][seen], belief[thinned][seen] ** 3 * every**2),
         frame.observe(ds[RING_X.name].values, ds[RING_Y.name].values, vertex_ages(ds), believed_weights(ds)),
         table,
         params.stiffness_px,

@@ -27,8 +27,9 @@ Array = npt.NDArray[Any]
 _COARSER, _BEND_RINGS, _SLACK = 4, 8.0, 1e-4
 
 #: How far a counted age may miss before it fades, step by step, rings: at first all count in full, so that a start that
-#: contradicts them is left. What remains in the first step of the weight of all that is not counted.
-_COUNT_MISSES, _GIVING_WAY = (1e3, 1e3, 1e3, 1.0, 0.5), 1e-3
+#: contradicts them is left. What remains in the first step of the weight of all that is not counted. By how many of its
+#: losses a fit that contradicts all boundaries must be better than one that contradicts none.
+_COUNT_MISSES, _GIVING_WAY, _CONTRADICTION = (1e3, 1e3, 1e3, 1.0, 0.5), 1e-3, 4.0
 
 
 @dataclass(frozen=True)
@@ -311,7 +312,7 @@ class Polished:
     @property
     def worth(self) -> float:
         """What remains, less is better: two sides of the pith a ring off fit as well, but for the boundaries."""
-        return float(self.loss[-1]) * (1.0 + self.contradicted)
+        return float(self.loss[-1]) * (1.0 + _CONTRADICTION * self.contradicted)
 
 
 def cyclic_loss(difference_rad: Array, weight: Array) -> float:
