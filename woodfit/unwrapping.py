@@ -41,6 +41,9 @@ def unwrap(phase: Array, belief: Array) -> npt.NDArray[np.float64]:
         Whole rings from `phase` at every pixel; neighbours differ by less than half a ring, but for the tears.
     """
     turn = np.asarray(phase, np.float64) / (2.0 * np.pi)
+    if not np.any(belief):
+        # Tears cost nothing anywhere.
+        return turn
     cell = _cell(turn, belief)
     if cell == 1:
         return _least_torn(turn, belief)
