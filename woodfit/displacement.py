@@ -43,7 +43,7 @@ class Observations:
     target : array of shape (N,)
         Ring age for boundary vertices; wrapped ring phase in rad for pixels.
     weight : array of shape (N,)
-        Confidence times the face area (px²) that the place stands for.
+        How far it counts (a power of its confidence) times the face area (px²) that the place stands for.
     """
 
     radius: Array
