@@ -191,6 +191,28 @@ def test_a_short_gap_is_bridged_and_a_long_one_ends_the_trace(gap_px: int, piece
     assert not crossings([t.points for t in traces])
 
 
+def test_a_walk_ends_where_growth_changes_sides() -> None:
+    # Rings growing to the right, whose phase runs on from one leg to another round the foot of the picture, as it does
+    # along the edge of a mount: each leg is a boundary of its own.
+    x, y = pixels((160, 161))
+    right, down = x - 80.0, np.maximum(y - 100.0, 0.0)
+    apart = np.hypot(right, down) / 16.0
+    side = np.where(right < 0.0, -1.0, 1.0)
+    found = trace_rings(
+        wrapped(2 * np.pi * side * apart),
+        side * np.arctan2(down, np.abs(right)),
+        np.full(apart.shape, 1 / 16),
+        np.where(apart < 0.5, 0.0, 1.0),
+        wood(apart.shape),
+        **LIMITS,
+    )
+    assert len(found) == 10, "five legs on either side"
+    for line in found:
+        legs = line.points[line.points[:, 1] < 100.0, 0]
+        assert np.ptp(legs) < 1.0, "on one leg only"
+        assert not line.closed
+
+
 def test_no_trace_leaves_the_wood_or_starts_where_nothing_is_believed() -> None:
     shape = (120, 120)
     age = straight(shape, 12.0, 0.0)

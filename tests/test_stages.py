@@ -338,16 +338,38 @@ def test_the_users_direction_of_growth_is_taken() -> None:
 
 
 # --- real scans ---------------------------------------------------------------------------------------------
-@pytest.mark.shared
-@needs_shared
-def test_rings_of_red_oak_end_grain_are_followed_across_its_rays() -> None:
-    """About thirty rings of 40 to 150 px, crossed by rays that stand out more than they do, round a far pith."""
-    read = cv2.imread(str(SHARED / "data" / "scans" / "boards" / "red_oak_endgrain.jpg"))
+def traced(name: str) -> xr.Dataset:
+    """All that is known of a real scan after ring tracing."""
+    read = cv2.imread(str(SHARED / "data" / "scans" / name))
     assert read is not None
     ds = source(np.ascontiguousarray(read[..., ::-1]))
     for one in (scan, orientation, curved_gabor, ring_tracing):
         result = one(ds, one.params_type())
         ds = added(ds.drop_dims(("y", "x")) if one is scan else ds, result)
+    return ds
+
+
+@pytest.mark.shared
+@needs_shared
+def test_rings_of_a_core_on_its_mount_are_numbered_across() -> None:
+    """The phase runs on along the mount's edge from a ring to one six rings further out."""
+    ds = traced("cores/uaa_core.jpg")
+    counts = ds["vertex_count"].values
+    x, y = ds["ring_x"].values, ds["ring_y"].values
+    line = np.repeat(np.arange(len(counts)), counts)
+    for row_px in (300.0, 900.0):
+        here = np.abs(y - row_px) <= 2.5
+        met = {int(i): float(x[here & (line == i)].mean()) for i in np.unique(line[here])}
+        outwards = ds["ring_index"].values[sorted(met, key=met.__getitem__)]
+        assert len(outwards) >= 18
+        assert (np.diff(outwards) == 1).all(), outwards
+
+
+@pytest.mark.shared
+@needs_shared
+def test_rings_of_red_oak_end_grain_are_followed_across_its_rays() -> None:
+    """About thirty rings of 40 to 150 px, crossed by rays that stand out more than they do, round a far pith."""
+    ds = traced("boards/red_oak_endgrain.jpg")
     assert 60.0 < float(ds["ring_scale"]) < 130.0
     # As the rings are curved, the pith lies below the lower right corner.
     outwards = np.arctan2(ds["y"].values[:, None] - 3100.0, ds["x"].values[None, :] - 4000.0)

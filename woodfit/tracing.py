@@ -33,6 +33,10 @@ class Trace:
     closed: bool
 
 
+#: Ring widths a walk may go with growth on its other side: orientation turns over for a little about a tight corner.
+_OTHER_SIDE_RINGS = 1.0
+
+
 @njit(cache=True)
 def _mark(owner: npt.NDArray[np.int32], x: float, y: float, radius: float, label: int) -> None:
     height, width = owner.shape
@@ -75,12 +79,19 @@ def _walk(
     closed = False
     start_hx, start_hy = hx, hy
     turned = 0.0
+    against = 0.0
+    agreed = 0
     while count < limit:
         # Tangent here, agreeing with the heading.
         tx, ty = -float(grow_y[iy, ix]), float(grow_x[iy, ix])
+        turned_over = side * (tx * hx + ty * hy) < 0.0
         if tx * hx + ty * hy < 0.0:
             tx, ty = -tx, -ty
         if confidence[iy, ix] >= floor:
+            # Wood grown on the other side of the line: the edge of another ring, whose phase is that of this one.
+            against = against + float(frequency[iy, ix]) if turned_over else 0.0
+            if against > _OTHER_SIDE_RINGS:
+                return path[:agreed].copy(), False, abs(turned)
             before_x, before_y = hx, hy
             hx, hy = 0.6 * hx + 0.4 * tx, 0.6 * hy + 0.4 * ty
             norm = np.sqrt(hx * hx + hy * hy)
@@ -119,6 +130,8 @@ def _walk(
         count += 1
         if gap == 0.0:
             kept = count
+            if against == 0.0:
+                agreed = count
         if gap > max_gap:
             break
         if count > 12 and (x - start_x) ** 2 + (y - start_y) ** 2 < 1.5**2 and hx * start_hx + hy * start_hy > 0.5:
