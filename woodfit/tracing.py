@@ -84,12 +84,12 @@ def _walk(
     while count < limit:
         # Tangent here, agreeing with the heading.
         tx, ty = -float(grow_y[iy, ix]), float(grow_x[iy, ix])
-        turned_over = side * (tx * hx + ty * hy) < 0.0
+        other_side = side * (tx * hx + ty * hy) < 0.0
         if tx * hx + ty * hy < 0.0:
             tx, ty = -tx, -ty
         if confidence[iy, ix] >= floor:
             # Wood grown on the other side of the line: the edge of another ring, whose phase is that of this one.
-            against = against + float(frequency[iy, ix]) if turned_over else 0.0
+            against = against + float(frequency[iy, ix]) if other_side else 0.0
             if against > _OTHER_SIDE_RINGS:
                 return path[:agreed].copy(), False, abs(turned)
             before_x, before_y = hx, hy
