@@ -106,14 +106,17 @@ class _Source:
         check_spec(spec)
         kind = str(spec.format)
         space = spec.get_string_attribute("oiio:ColorSpace", "")
-        colors = [index for index in range(spec.nchannels) if index != spec.alpha_channel] or [0]
+        # Of a GIF, OpenImageIO says that alpha comes after the last channel (3.2), but names it rightly.
+        named = [index for index, name in enumerate(spec.channelnames) if name == "A"]
+        alpha = spec.alpha_channel if spec.alpha_channel < spec.nchannels else (named or [-1])[0]
+        colors = [index for index in range(spec.nchannels) if index != alpha] or [0]
         return cls(
             image=image,
             spec=spec,
             dtype="uint8" if kind == "uint8" else "uint16",
             linear=kind in ("half", "float", "double") and "srgb" not in space.lower(),
             colors=tuple(colors[:3]) if len(colors) >= 3 else (colors[0],) * 3,
-            alpha=spec.alpha_channel,
+            alpha=alpha,
             orientation=min(max(int(spec.get_int_attribute("Orientation", 1)), 1), 8),
         )
 

@@ -41,6 +41,14 @@ def test_alpha_is_split_off_and_the_colors_are_as_stored(tmp_path: Path) -> None
     npt.assert_array_equal(ds.opaque, alpha[..., 0] > 0)
 
 
+def test_a_gif_is_read_whatever_its_name_ends_in(tmp_path: Path) -> None:
+    flat = np.where(PIXELS[..., :1] > 127, np.array([200, 150, 90]), np.array([90, 50, 20])).astype("u1")
+    path = write_image(tmp_path / "a.gif", flat).rename(tmp_path / "a.png")
+    ds = read_scan(path, tmp_path / "s")
+    npt.assert_array_equal(ds.encoded, flat)
+    assert ds.opaque.all()
+
+
 def test_a_palette_png_comes_out_in_its_colors(tmp_path: Path) -> None:
     path = tmp_path / "palette.png"
     path.write_bytes(palette_png())
