@@ -66,7 +66,7 @@ class ScanParams(Params):
         FACE_PITH_X,
         FACE_PITH_Y,
     ),
-    version=6,
+    version=7,
     params=ScanParams,
 )
 def scan(ds: xr.Dataset, params: ScanParams) -> xr.Dataset:

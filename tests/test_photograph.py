@@ -4,6 +4,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from woodfit.photograph import (
     develop,
@@ -194,6 +195,25 @@ def test_an_even_side_is_wood_if_it_is_colored_like_the_middle(side: tuple[int, 
     found = found_in(encoded)
     assert (found[:, :20] == wood).all()
     assert found[:, 24:].all()
+
+
+@pytest.mark.parametrize(("name", "seed"), [("quarter_sawn", 1), ("flat_sawn", 4), ("end_grain_off", 3)])
+def test_dark_heartwood_along_a_side_is_wood(name: str, seed: int) -> None:
+    drawn = scene(name, seed=seed)
+    age = drawn.face.age[..., None]
+    heart = np.array([0.53, 0.31, 0.23]) ** (age < np.percentile(age, 40))
+    assert wood_mask((drawn.face.rgb_encoded * heart).astype(np.uint8), np.ones(age.shape[:2], bool), 0.92, 0.06).all()
+
+
+@pytest.mark.parametrize("grain_px", [0.0, 1.5, 3.0])
+def test_a_rough_mount_is_background(grain_px: float) -> None:
+    encoded, place = on_mount(scene("core", (300, 320)).face.rgb_encoded, (60, 40, 30), 0.0)
+    rough = np.random.default_rng(0).normal(size=place.shape)
+    rough = gaussian_filter(rough, grain_px)
+    mount = np.clip(encoded + 5.0 * (rough / rough.std())[..., None], 0, 255).astype(np.uint8)
+    found = wood_mask(np.where(place[..., None], encoded, mount), np.ones(place.shape, bool), 0.92, 0.06)
+    assert found[~place].mean() < 0.1
+    assert found[place].mean() > 0.7
 
 
 def test_a_side_of_many_colors_is_wood_however_dark() -> None:

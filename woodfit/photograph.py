@@ -8,11 +8,16 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from woodfit.structure_tensor import orientation
+
 FloatArray = npt.NDArray[np.float32]
 
 #: Ring width in analysed pixels that serves well: wide enough for narrow rings beside it, small enough to be fast.
 _WIDE_RING_PX, _USUAL_RING_PX = 64.0, 20.0
 _SMALL_SCAN_PX = 1_000_000
+
+#: Coherence of lines, and their contrast over that of the rest of the scan, from which an even area is wood.
+LINES_COHERE, LINES_SHARE = 0.6, 0.2
 
 
 def srgb_decode(encoded: npt.NDArray[Any]) -> FloatArray:
@@ -67,8 +72,8 @@ def wood_mask(
     """Where there is wood rather than background, on an overview of a scan.
 
     Background is what is colorless and nearly white, or nearly black, or of the one color that a whole side of the scan
-    has and its middle has not, and reaches the edge of the scan; small islands of it inside the wood (cracks, filler)
-    stay wood here and are left to the confidence of the phase.
+    has and its middle has not (unless lines run through it, as through heartwood), and reaches the edge of the scan;
+    small islands of it inside the wood (cracks, filler) stay wood here and are left to the confidence of the phase.
 
     Parameters
     ----------
@@ -117,8 +122,28 @@ def _plain_sides(pixels: FloatArray, spread: float = 0.05, unlike: float = 0.2) 
             alike = away < 1.2 * spread
             # Wood may have the color here and there, but not all around.
             plain = (alike & (cv2.blur(away, (15, 15)) < 0.6 * spread)).astype(np.uint8)
-            found.append(alike & (cv2.dilate(plain, np.ones((17, 17), np.uint8)) > 0))
+            area = alike & (cv2.dilate(plain, np.ones((17, 17), np.uint8)) > 0)
+            if not _grown(pixels, area):
+                found.append(area)
     return found
+
+
+def _grown(pixels: FloatArray, area: npt.NDArray[np.bool_]) -> bool:
+    """Whether an even area is wood, heartwood say: its lines run one way, for its light not much fainter than elsewhere.
+
+    Felt is rough every way (coherence 0.1 to 0.3, wood 0.95), and card that is lit from one side has no lines.
+    """
+    light = np.log(pixels.max(axis=-1) + np.float32(0.05))
+    lines = np.abs(cv2.GaussianBlur(light, (0, 0), 1.5) - cv2.GaussianBlur(light, (0, 0), 8.0))
+    filled = cv2.morphologyEx(area.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    inside, outside = (cv2.erode(part, np.ones((25, 25), np.uint8)) > 0 for part in (filled, 1 - filled))
+    if not inside.any() or not outside.any():
+        return False
+    _, coherence = orientation(light, filled > 0, 1.5, 8.0)
+    return bool(
+        np.median(coherence[inside]) > LINES_COHERE
+        and np.median(lines[inside]) > LINES_SHARE * np.median(lines[outside])
+    )
 
 
 def thickness(mask: npt.NDArray[np.bool_]) -> float:
