@@ -129,7 +129,7 @@ def _plain_sides(pixels: FloatArray, spread: float = 0.05, unlike: float = 0.2) 
 
 
 def _grown(pixels: FloatArray, area: npt.NDArray[np.bool_]) -> bool:
-    """Whether an even area is wood, heartwood say: its lines run one way, for its light not much fainter than elsewhere.
+    """Whether an even area is wood: lines run through it one way, for its light not much fainter than elsewhere.
 
     Felt is rough every way (coherence 0.1 to 0.3, wood 0.95), and card that is lit from one side has no lines.
     """
