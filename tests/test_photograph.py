@@ -1,5 +1,6 @@
 """From encoded pixels to linear color, wood mask and analysis resolution."""
 
+import cv2
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -214,6 +215,14 @@ def test_a_rough_mount_is_background(grain_px: float) -> None:
     found = wood_mask(np.where(place[..., None], encoded, mount), np.ones(place.shape, bool), 0.92, 0.06)
     assert found[~place].mean() < 0.1
     assert found[place].mean() > 0.7
+
+
+def test_a_grey_card_as_bright_as_the_wood_is_background_where_it_is_all_around() -> None:
+    place = disc()
+    assert np.array_equal(found_in(picture(place, 128)), cv2.erode(place.astype(np.uint8), np.ones((5, 5))) > 0)
+    encoded = picture(np.ones(SHAPE, bool), 0)
+    encoded[:, :20] = 150, 128, 110
+    assert found_in(encoded).all(), "on one side only it may be a wide ring"
 
 
 def test_a_side_of_many_colors_is_wood_however_dark() -> None:

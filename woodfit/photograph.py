@@ -110,14 +110,21 @@ def wood_mask(
 
 
 def _plain_sides(pixels: FloatArray, spread: float = 0.05, unlike: float = 0.2) -> list[npt.NDArray[np.bool_]]:
-    """Pixels colored like a side of the scan, for each side that is of one color and unlike the scan's middle."""
+    """Pixels colored like a side of the scan, for each side that is of one color and unlike the scan's middle.
+
+    Half as unlike is enough for a color that at least three sides have: rings are not all around.
+    """
     height, width = pixels.shape[:2]
     middle = np.median(pixels[height // 4 : -(height // 4) or None, width // 4 : -(width // 4) or None], axis=(0, 1))
-    found = []
+    even = []
     for side in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
         color = np.median(side, axis=(0, 1))
-        even = (np.abs(side - color) < spread).all(axis=-1).mean()
-        if even > 0.9 and np.abs(color - middle).max() > unlike:
+        if (np.abs(side - color) < spread).all(axis=-1).mean() > 0.9:
+            even.append(color)
+    found = []
+    for color in even:
+        around = sum(np.abs(color - other).max() < spread for other in even) >= 3
+        if np.abs(color - middle).max() > (0.5 * unlike if around else unlike):
             away = np.abs(pixels - color).max(axis=-1)
             alike = away < 1.2 * spread
             # Wood may have the color here and there, but not all around.
