@@ -40,6 +40,7 @@ from stages.stage import (
 )
 from woodfit import SolidTexture
 from woodfit.color_strip import psnr_blurred
+from woodfit.synthetic_scenes import scene
 
 SCENES = ("quarter_sawn", "end_grain_pith")
 each_stage = pytest.mark.parametrize("one", STAGES, ids=lambda one: one.name)
@@ -335,6 +336,20 @@ def test_the_users_direction_of_growth_is_taken() -> None:
     assert bool(other["bright_outwards"]) is not found
     turned = wrapped(other["growth_angle"].values - given["ring_tracing"]["growth_angle"].values)
     assert np.median(np.abs(turned)) > 3.0
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_thin_latewood_in_a_small_scan_does_not_reverse_the_growth(seed: int) -> None:
+    """At half the size rings of 9 to 11 px are so sharp that what smoothing leaves of latewood looks like vessels."""
+    face = scene("quarter_sawn", seed=seed).face
+    half = cv2.resize(face.rgb_encoded, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    ds = source(half)
+    for one in (scan, orientation, curved_gabor, ring_tracing):
+        ds = added(ds, one(ds, one.params_type()))
+    assert bool(ds["bright_outwards"])
+    down, right = np.gradient(face.age[::2, ::2])
+    agreed = np.cos(ds["growth_angle"].values - np.arctan2(down, right)[: half.shape[0], : half.shape[1]])
+    assert (agreed > 0.8).mean() > 0.98
 
 
 # --- real scans ---------------------------------------------------------------------------------------------

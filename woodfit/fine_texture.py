@@ -40,8 +40,9 @@ def grain_ratio(value: npt.NDArray[Any], orientation: npt.NDArray[Any], valid: n
 #: Fine texture more skewed than `PORES` (see `pore_evidence`) comes from vessels. So does what is streaked along the
 #: rings more than `STREAKED` (see `grain_ratio`), if its dark side is the longer by `DARKER` (see
 #: `woodfit.vessels.darker_side`): fibres make streaks to both sides alike, 1.05 and below on drawn boards, and vessels
-#: 1.07 and above.
-PORES, STREAKED, DARKER = -0.8, 3.5, 1.06
+#: 1.07 and above. Where rings are under some 15 px wide, thin latewood that is not quite smoothed away is streaked and
+#: dark, too, but not in the second quarter of a ring behind its edge: there vessels reach 1.03, latewood hardly ever.
+PORES, STREAKED, DARKER, DARKER_BEHIND = -0.8, 3.5, 1.06, 1.03
 
 
 def pore_evidence(
@@ -128,6 +129,15 @@ def vessel_side(
     return (shares[0] - shares[1]) / max(sum(shares), 1e-9)
 
 
+def _streaked_dark(fine: FloatArray, wave_phase: npt.NDArray[Any], trusted: npt.NDArray[np.bool_]) -> bool:
+    """Whether fine texture reaches farther to the dark: all of it, and in the second quarter of a ring behind its edge."""
+    after = np.mod(wave_phase / (2.0 * np.pi) + 0.25, 1.0)
+    behind = fine[trusted & (after >= 0.25) & (after < 0.5)]
+    if behind.size == 0:
+        return False
+    return darker_side(fine[trusted]) > DARKER and darker_side(behind - np.median(behind)) > DARKER_BEHIND
+
+
 @dataclass(frozen=True)
 class Texture:
     """What the fine texture of a face says.
@@ -163,7 +173,7 @@ def read_texture(
     grain = grain_ratio(value, orientation, valid) * (1.4 if vessels else 1.0)
     if vessels:
         return Texture(grain, 2.0 * PORES, True)
-    dotted = grain > STREAKED and darker_side((value - along)[(explained > 0.3) & valid]) > DARKER
+    dotted = grain > STREAKED and _streaked_dark(value - along, np.angle(response), (explained > 0.3) & valid)
     pores = pore_evidence(value, along, np.angle(response), explained, valid)
     if dotted:
         pores = min(pores, 2.0 * PORES)
