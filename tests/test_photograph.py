@@ -183,6 +183,20 @@ def test_a_core_is_told_from_a_mount_of_one_color(mount: str, turns: int) -> Non
     assert found[rows[3] : rows[-3], cols[3] : cols[-3]].all()
 
 
+@pytest.mark.parametrize("slope", [0.0, 0.04])
+def test_a_thin_core_on_a_large_mount_is_found(slope: float) -> None:
+    core = scene("core", (300, 320)).face.rgb_encoded
+    mount = np.random.default_rng(0).normal((40, 60, 140), 2.0, (400, core.shape[1] + 80, 3)).clip(0, 255)
+    place = np.zeros(mount.shape[:2], bool)
+    for column in range(core.shape[1]):
+        top = 170 + round(slope * column)
+        mount[top : top + core.shape[0], column + 40] = core[:, column]
+        place[top : top + core.shape[0], column + 40] = True
+    found = wood_mask(mount.astype(np.uint8), np.ones(place.shape, bool), 0.92, 0.06)
+    assert not found[~place].any()
+    assert found[place].mean() > 0.85
+
+
 @pytest.mark.parametrize("name", SCENE_NAMES)
 def test_a_face_without_background_is_wood_everywhere(name: str) -> None:
     encoded = scene(name, (300, 320)).face.rgb_encoded

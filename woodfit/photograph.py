@@ -19,6 +19,9 @@ _SMALL_SCAN_PX = 1_000_000
 #: Coherence of lines, and their contrast over that of the rest of the scan, from which an even area is wood.
 LINES_COHERE, LINES_SHARE = 0.6, 0.2
 
+#: Least share of the middle of a scan that is taken for wood on a background.
+LEAST_WOOD = 0.02
+
 
 def srgb_decode(encoded: npt.NDArray[Any]) -> FloatArray:
     """Linear value 0..1 of sRGB-encoded pixels: uint8, uint16, or floats in 0..1."""
@@ -112,10 +115,12 @@ def wood_mask(
 def _plain_sides(pixels: FloatArray, spread: float = 0.05, unlike: float = 0.2) -> list[npt.NDArray[np.bool_]]:
     """Pixels colored like a side of the scan, for each side that is of one color and unlike the scan's middle.
 
-    Half as unlike is enough for a color that at least three sides have: rings are not all around.
+    A color that at least three sides have is compared with what is not of that color there, and half as unlike is
+    enough: rings are not all around.
     """
     height, width = pixels.shape[:2]
-    middle = np.median(pixels[height // 4 : -(height // 4) or None, width // 4 : -(width // 4) or None], axis=(0, 1))
+    half = slice(height // 4, -(height // 4) or None), slice(width // 4, -(width // 4) or None)
+    middle = np.median(pixels[half], axis=(0, 1))
     even = []
     for side in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
         color = np.median(side, axis=(0, 1))
@@ -124,8 +129,11 @@ def _plain_sides(pixels: FloatArray, spread: float = 0.05, unlike: float = 0.2) 
     found = []
     for color in even:
         around = sum(np.abs(color - other).max() < spread for other in even) >= 3
-        if np.abs(color - middle).max() > (0.5 * unlike if around else unlike):
-            away = np.abs(pixels - color).max(axis=-1)
+        away = np.abs(pixels - color).max(axis=-1)
+        rest = away[half] > 2.0 * spread
+        # A core may be so thin that most of the scan's middle is background, too.
+        other = np.median(pixels[half][rest], axis=0) if around and rest.mean() > LEAST_WOOD else middle
+        if np.abs(color - other).max() > (0.5 * unlike if around else unlike):
             alike = away < 1.2 * spread
             # Wood may have the color here and there, but not all around.
             plain = (alike & (cv2.blur(away, (15, 15)) < 0.6 * spread)).astype(np.uint8)

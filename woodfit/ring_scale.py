@@ -19,6 +19,9 @@ FloatArray = npt.NDArray[np.float32]
 #: Wavelengths tried at each level of the pyramid, in pixels of that level.
 WAVELENGTHS_PX = np.array([4.0, 5.66, 8.0, 11.3, 16.0], np.float32)
 
+#: What is seen less often than this across the window is not periodic.
+LEAST_WAVES = 2.0
+
 
 def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
     """Share of the contour-smoothed profile's variance that a wave explains, per wavelength.
@@ -45,6 +48,10 @@ def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray
     if rows.size == 0:
         return np.zeros(WAVELENGTHS_PX.size)
     response, explained = fit_bank(smooth, support, angle + np.pi / 2, rows, cols, 1.0 / WAVELENGTHS_PX, 48, 0.5)
+    # Shading across a narrow strip (a round core, dark rims) is no ring: less than twice its length fits in.
+    across = angle[rows, cols] + np.pi / 2
+    room = np.minimum(width / np.maximum(np.abs(np.cos(across)), 1e-3), height / np.maximum(np.abs(np.sin(across)), 1e-3))
+    explained = np.where(room[:, None] >= LEAST_WAVES * WAVELENGTHS_PX, explained, 0.0)
     # A faint preference for contrast: among equally periodic scales the stronger one is the rings.
     power = (np.abs(response) ** 2).mean(axis=0)
     return np.asarray(explained.mean(axis=0) * (power / (power.max() + 1e-12)) ** 0.05, dtype=np.float64)
