@@ -52,6 +52,16 @@ def test_the_orientation_of_rings_is_at_right_angles_to_the_radius() -> None:
     assert angle_between(angle, outwards + np.pi / 2)[away].max() < np.radians(1.0)
 
 
+@pytest.mark.parametrize("tangent_deg", [90.0, 75.0])
+def test_light_that_falls_off_along_the_rings_does_not_turn_them(tangent_deg: float) -> None:
+    # A round core: half as bright at its rims, where that is steeper than the rings.
+    shape, tangent = (100, 500), np.radians(tangent_deg)
+    rim = ((pixels(shape)[1] - 49.5) / 50.0) ** 2
+    value = wave(straight(shape, 25.0, tangent), 0.1, 0.6) * (1.0 - 0.5 * rim)
+    angle, _ = orientation(value.astype(np.float32), wood(shape), 3.0, 20.0)
+    assert np.percentile(angle_between(angle, tangent), 99) < np.radians(4.0)
+
+
 def scratched(pith: tuple[float, float], shape: tuple[int, int] = (200, 220)) -> tuple[Image, np.ndarray]:
     """Rings about a pith, and over a wedge of them rays that are stronger than the rings; the tangent."""
     age, outwards = round_age(shape, pith, 12.0)

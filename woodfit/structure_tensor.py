@@ -29,9 +29,15 @@ def _blur(image: npt.NDArray[Any], sigma_px: float) -> FloatArray:
 _BROAD_GRADIENT, _BROAD_WINDOW = 0.5, 4.4
 
 
+#: Window over which a steady slope is shading, in window widths: over a ring or more theirs cancel.
+_SHADING = 1.5
+
+
 def halo(gradient_sigma_px: float, window_sigma_px: float, rays: bool = False) -> int:
     """Margin in pixels beyond which nothing influences `orientation`."""
-    fine = math.ceil(3.0 * gradient_sigma_px) + math.ceil(3.0 * window_sigma_px) + 4 * _window_step(window_sigma_px)
+    fine = math.ceil(3.0 * gradient_sigma_px)
+    for window in (window_sigma_px, _SHADING * window_sigma_px):
+        fine += math.ceil(3.0 * window) + 4 * _window_step(window)
     if not rays:
         return fine
     gradient, window = _BROAD_GRADIENT * window_sigma_px, _BROAD_WINDOW * window_sigma_px
@@ -88,7 +94,7 @@ def orientation(
     ----------
     Bigun and Granlund, "Optimal orientation detection of linear symmetry", ICCV 1987.
     """
-    gx, gy = _gradient(value, valid, gradient_sigma_px)
+    gx, gy = _unshaded(*_gradient(value, valid, gradient_sigma_px), _SHADING * window_sigma_px)
     if pith is not None:
         away_x = np.arange(value.shape[1], dtype=np.float32)[None, :] - np.float32(pith[0])
         away_y = np.arange(value.shape[0], dtype=np.float32)[:, None] - np.float32(pith[1])
@@ -124,6 +130,16 @@ def _gradient(value: npt.NDArray[Any], valid: npt.NDArray[np.bool_], sigma_px: f
     gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1.0 / 32.0) * inside
     gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1.0 / 32.0) * inside
     return gx, gy
+
+
+def _unshaded(gx: FloatArray, gy: FloatArray, sigma_px: float) -> tuple[FloatArray, FloatArray]:
+    """Slopes less their mean about: across rings that is nothing, and light falling off is left out.
+
+    A round core is darker at its rims than its rings are in their latewood.
+    """
+    wood = ((gx != 0.0) | (gy != 0.0)).astype(np.float32)
+    mass = np.maximum(_pooled(wood, sigma_px), 1e-3)
+    return gx - wood * _pooled(gx, sigma_px) / mass, gy - wood * _pooled(gy, sigma_px) / mass
 
 
 def _pooled(image: FloatArray, sigma_px: float) -> FloatArray:
