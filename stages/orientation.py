@@ -44,7 +44,7 @@ def _halo(ds: xr.Dataset, params: OrientationParams) -> int:
 @stage(
     requires=(VALUE, VALID, RING_SCALE, REDUCTION, VESSEL_SCALE, FACE_PITH_X, FACE_PITH_Y),
     provides=(ORIENTATION, COHERENCE),
-    version=4,
+    version=5,
     params=OrientationParams,
     halo=_halo,
 )

@@ -303,6 +303,20 @@ def test_far_from_the_wood_nothing_is_smoothed_and_nothing_changes_on_it() -> No
 
 
 # --- scale and frequency ------------------------------------------------------------------------------------
+def test_the_scale_of_a_strip_is_not_that_of_the_shading_across_it() -> None:
+    face = scene("core").face
+    shape = face.age.shape
+    x, y = pixels(shape)
+    light = 1.0 - 1.2 * ((x / shape[1] - 0.5) ** 2 + (y / shape[0] - 0.5) ** 2)
+    value = (face.rgb_encoded.max(axis=-1) / 255.0 * light).astype(np.float32)
+
+    def window(row: int, col: int, rows: int, cols: int, step: int) -> tuple[np.ndarray, np.ndarray]:
+        part = reduce_by(value[row : row + rows, col : col + cols], step)
+        return part, wood(part.shape)
+
+    assert 12.0 < ring_scale(shape, scale_scores(shape, window)) < 20.0
+
+
 @pytest.mark.parametrize(
     ("width", "tangent"), [(6, 0.3), (8, 1.2), (12, 0.0), (20, 2.0), (32, 1.57), (50, 0.8), (80, 0.3)]
 )

@@ -2,6 +2,7 @@
 
 import itertools
 
+import cv2
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -470,6 +471,14 @@ def test_streaks_that_stand_everywhere_do_not_reverse_the_growth(kind: str) -> N
     assert found.grain_ratio > fine_texture.STREAKED
     assert found.growth.bright_outwards
     assert (np.cos(found.growth.direction - np.pi) > 0.9).mean() > 0.98
+
+
+def test_a_label_is_no_evidence_for_vessels() -> None:
+    face = scene("quarter_sawn").face.rgb_encoded.copy()
+    cv2.rectangle(face, (480, 60), (700, 180), (250, 250, 250), -1)
+    cv2.putText(face, "No 17", (500, 140), cv2.FONT_HERSHEY_SIMPLEX, 2, (20, 20, 20), 6)
+    found = rings_of((face.max(axis=-1) / 255.0).astype(np.float32), 17.0)
+    assert found.growth.bright_outwards
 
 
 @pytest.mark.parametrize("seed", [0, 2])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -56,7 +57,8 @@ def pore_evidence(
 
     Vessels are dark spots and streaks on either half of a ring; tracheids, fibres and sensor noise are nearly
     symmetric. Measured on nineteen real scans and on synthetic wood: below -0.8 for every ring-porous one, above for
-    every other.
+    every other. Vessels stand all over the wood, while a label, a crack or a scratch does not: the median over sixteen
+    parts of the face counts.
 
     Parameters
     ----------
@@ -74,11 +76,22 @@ def pore_evidence(
     """
     fine = np.asarray(value, np.float32) - smooth
     trusted = (confidence > 0.3) & valid
+    wave = np.cos(wave_phase)
+    rows, cols = (np.linspace(0, n, 5).astype(int) for n in fine.shape)
+    parts = [(slice(*r), slice(*c)) for r in pairwise(rows) for c in pairwise(cols)]
+    told = [one for part in parts if (one := _skewness(fine[part], wave[part], trusted[part])) is not None]
+    if len(told) < 4:
+        told = [_skewness(fine, wave, trusted) or 0.0]
+    return float(np.median(told))
+
+
+def _skewness(fine: FloatArray, wave: npt.NDArray[Any], trusted: npt.NDArray[np.bool_]) -> float | None:
+    """Skewness in the bright and the dark half of the rings, added; None where there is too little to tell."""
     total = 0.0
-    for half in (1.0, -1.0):
-        part = fine[trusted & (half * np.cos(wave_phase) > 0.3)].astype(np.float64)
+    for half in (wave, -wave):
+        part = fine[trusted & (half > 0.3)].astype(np.float64)
         if part.size < 500:
-            return 0.0
+            return None
         part = part - part.mean()
         total += float((part**3).mean() / max(float((part**2).mean()) ** 1.5, 1e-12))
     return total
