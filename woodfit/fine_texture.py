@@ -143,7 +143,7 @@ def vessel_side(
 
 
 def _streaked_dark(fine: FloatArray, wave_phase: npt.NDArray[Any], trusted: npt.NDArray[np.bool_]) -> bool:
-    """Whether fine texture reaches farther to the dark: all of it, and in the second quarter of a ring behind its edge."""
+    """Whether fine texture is darker by far than bright, over all and in the second quarter of a ring."""
     after = np.mod(wave_phase / (2.0 * np.pi) + 0.25, 1.0)
     behind = fine[trusted & (after >= 0.25) & (after < 0.5)]
     if behind.size == 0:

@@ -50,7 +50,8 @@ def level_scores(value: FloatArray, valid: npt.NDArray[np.bool_]) -> npt.NDArray
     response, explained = fit_bank(smooth, support, angle + np.pi / 2, rows, cols, 1.0 / WAVELENGTHS_PX, 48, 0.5)
     # Shading across a narrow strip (a round core, dark rims) is no ring: less than twice its length fits in.
     across = angle[rows, cols] + np.pi / 2
-    room = np.minimum(width / np.maximum(np.abs(np.cos(across)), 1e-3), height / np.maximum(np.abs(np.sin(across)), 1e-3))
+    wide, high = (np.maximum(np.abs(f(across)), 1e-3) for f in (np.cos, np.sin))
+    room = np.minimum(width / wide, height / high)
     explained = np.where(room[:, None] >= LEAST_WAVES * WAVELENGTHS_PX, explained, 0.0)
     # A faint preference for contrast: among equally periodic scales the stronger one is the rings.
     power = (np.abs(response) ** 2).mean(axis=0)

@@ -30,7 +30,7 @@ _BROAD_GRADIENT, _BROAD_WINDOW = 0.5, 4.4
 
 
 #: Window over which a steady slope is shading, in window widths: over a ring or more theirs cancel.
-_SHADING = 1.5
+_SHADING = 2.0
 
 
 def halo(gradient_sigma_px: float, window_sigma_px: float, rays: bool = False) -> int:
