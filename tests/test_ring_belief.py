@@ -211,7 +211,8 @@ def pooled(parts: list[Judged]) -> Judged:
 @cache
 def boards() -> tuple[Judged, Judged]:
     """Boundaries found on boards whose noise is up to half as strong again as their rings, and lines beside them."""
-    judged = [board(kind, spoilt, 7) for kind in ("round", "straight") for spoilt in (0.15, 0.3, 0.45, 0.6)]
+    spoilt = (0.15, 0.3, 0.45, 0.6)
+    judged = [board(kind, noisy, seed) for kind in ("round", "straight") for noisy in spoilt for seed in (7, 8)]
     return pooled([own for own, _ in judged]), pooled([beside for _, beside in judged])
 
 
