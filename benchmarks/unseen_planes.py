@@ -40,8 +40,8 @@ SIZE = (735, 750)
 DEPTH_PX, STEP_PX, TOLERANCE = 100, 4.0, 0.25
 
 
-def fitted(encoded: np.ndarray, opaque: np.ndarray) -> xr.Dataset:
-    """All that the stages up to the polished displacement know of a photograph."""
+def fitted(encoded: np.ndarray, opaque: np.ndarray, last: str = "phase_polishing") -> xr.Dataset:
+    """All that the stages up to the `last` one know of a photograph."""
     one = {"units": "1"}
     ds = xr.Dataset(
         {
@@ -60,9 +60,9 @@ def fitted(encoded: np.ndarray, opaque: np.ndarray) -> xr.Dataset:
                 # Large scans are read on a coarser grid, which the photograph itself does not fit.
                 ds = ds.drop_dims(("y", "x"))
             ds = ds.assign(result.data_vars).assign_coords(result.coords)
-        if stage.name == "phase_polishing":
+        if stage.name == last:
             return ds
-    raise LookupError("there is no stage phase_polishing")
+    raise LookupError(f"there is no stage {last}")
 
 
 def age_in(ds: xr.Dataset) -> Callable[[np.ndarray], np.ndarray]:
