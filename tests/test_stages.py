@@ -384,6 +384,23 @@ def test_rings_of_a_core_on_its_mount_are_numbered_across() -> None:
 
 @pytest.mark.shared
 @needs_shared
+def test_the_wide_rings_of_a_narrow_ringed_core_are_counted_once() -> None:
+    """Its outer rings are up to three times as wide as most: the wave counts their overtone."""
+    ds = traced("cores/p105_a.tif")
+    counts = ds["vertex_count"].values
+    middle = np.array([x.mean() for x in np.split(ds["ring_x"].values, np.cumsum(counts)[:-1])])
+    path = json.loads((SHARED / "data/labels/p105_a.json").read_text())["paths"][0]
+    label = np.array([x for x, _ in path["positions"]])
+    nearest = np.abs(label[:, None] - middle).argmin(axis=1)
+    met = np.flatnonzero(np.abs(middle[nearest] - label) <= 4.0)
+    steps = -np.diff(ds["ring_index"].values[nearest[met]])
+    assert len(met) >= 56
+    # 41 of 57 steps were right while all cycles counted.
+    assert (steps == np.diff(met)).sum() >= 52
+
+
+@pytest.mark.shared
+@needs_shared
 def test_rings_of_red_oak_end_grain_are_followed_across_its_rays() -> None:
     """About thirty rings of 40 to 150 px, crossed by rays that stand out more than they do, round a far pith."""
     ds = traced("boards/red_oak_endgrain.jpg")

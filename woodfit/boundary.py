@@ -111,6 +111,45 @@ def edge_offsets(
     return exact, contrast
 
 
+def edges_between(
+    strength: npt.NDArray[Any], ways: npt.NDArray[np.float64], least_share: float
+) -> npt.NDArray[np.int64]:
+    """How many edges lie on the way from one boundary to another.
+
+    Parameters
+    ----------
+    strength : array of shape (M, N)
+        From `edge_strength`.
+    ways : array of shape (K, 4)
+        x, y of the start and of the end of each way, both on boundaries.
+    least_share : float
+        Least strength of an edge, as a share of the weaker one of the two boundaries.
+
+    Returns
+    -------
+    int array of shape (K,)
+    """
+    # A boundary's own edge may lie a little outside it; the ends of the way are searched for it on either side.
+    end = 0.12
+    at = np.linspace(-end, 1.0 + end, 79)
+    x, y = (ways[:, i : i + 1] + at * (ways[:, i + 2 : i + 3] - ways[:, i : i + 1]) for i in (0, 1))
+    profile = sample_image(np.asarray(strength, np.float32), x, y)
+    least = least_share * np.minimum(profile[:, at <= end].max(axis=1), profile[:, at >= 1.0 - end].max(axis=1))
+    between = profile[:, (at > end) & (at < 1.0 - end)]
+    count = np.zeros(len(ways), np.int64)
+    # Rise and fall in turn, each by at least `least`: an edge stands out of the slopes on either side of it.
+    lowest, highest = between[:, 0].copy(), np.full(len(ways), -np.inf)
+    for here in between.T[1:]:
+        rising = np.isneginf(highest)
+        lowest = np.where(rising, np.minimum(lowest, here), lowest)
+        begun = rising & (here > lowest + least)
+        highest = np.where(begun | ~rising, np.maximum(highest, here), highest)
+        done = ~rising & (here < highest - least)
+        count += done
+        lowest, highest = np.where(done, here, lowest), np.where(done, -np.inf, highest)
+    return count
+
+
 def latewood_foot(
     value: npt.NDArray[Any],
     points: npt.NDArray[np.float64],

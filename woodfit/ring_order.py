@@ -2,9 +2,9 @@
 
 From points along each boundary a walk goes outwards until it meets the next one and counts the cycles of the
 frequency field on its way. Each meeting is a vote "index of b = index of a + n"; votes are joined from the strongest
-down. A gap in one place is bridged by another, and where the count says that a boundary was missed, the index says so
-too. Across the pith of a board the count is least sure, but there both sides show the same rings: see
-`woodfit.ring_sides`.
+down. A gap in one place is bridged by another, and where the count says that a boundary was missed, and an edge is seen
+there, the index says so too. Across the pith of a board the count is least sure, but there both sides show the same
+rings: see `woodfit.ring_sides`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,18 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from woodfit.boundary import edges_between
 from woodfit.ring_sides import Widths, matched_shift, sides_of
 from woodfit.tied_numbers import TiedNumbers
 
 #: Stands for a phase that is not known.
 _UNKNOWN = 1e6
+
+#: Cycles that say that a boundary was missed: a ring may be half as wide again as its neighbours.
+_TWO_RINGS = 1.65
+
+#: Least strength of an edge that may be a boundary that was missed, as a share of the boundaries beside it.
+_FAINT = 0.15
 
 
 @dataclass(frozen=True)
@@ -57,11 +64,11 @@ def _meet(
     own: int,
     outwards: float,
     most_cycles: float,
-) -> tuple[int, float, float, bool]:
+) -> tuple[int, float, float, bool, float, float]:
     """Walk across the rings to the next boundary.
 
-    Returns the boundary met (0 for none), the cycles and the way passed, and whether growth reversed. The cycles are
-    those of the phase, unless they contradict the frequency.
+    Returns the boundary met (0 for none), the cycles and the way passed, whether growth reversed, and where (x, y) the
+    walk ended. The cycles are those of the phase, unless they contradict the frequency.
     """
     height, width = labels.shape
     ix, iy = int(x + 0.5), int(y + 0.5)
@@ -77,10 +84,10 @@ def _meet(
         x += step * hx
         y += step * hy
         if not (x >= -0.49 and y >= -0.49 and x < width - 0.51 and y < height - 0.51):
-            return 0, cycles, way, reversed_growth
+            return 0, cycles, way, reversed_growth, x, y
         ix, iy = int(x + 0.5), int(y + 0.5)
         if not valid[iy, ix]:
-            return 0, cycles, way, reversed_growth
+            return 0, cycles, way, reversed_growth, x, y
         cycles += step * frequency[iy, ix]
         change = (phase[iy, ix] - before) / (2.0 * np.pi)
         turns += outwards * (change - np.round(change))
@@ -89,7 +96,7 @@ def _meet(
         if met > 0 and (met != own or reversed_growth):
             if before < 0.5 * _UNKNOWN and abs(turns - cycles) < 0.8:
                 cycles = turns
-            return met, cycles, way, reversed_growth
+            return met, cycles, way, reversed_growth, x, y
         gx, gy = outwards * grow_x[iy, ix], outwards * grow_y[iy, ix]
         if reversed_growth:
             gx, gy = -gx, -gy
@@ -97,7 +104,7 @@ def _meet(
         if turn < -0.2:
             # Only an inward walk may pass the pith and come out on the other side.
             if outwards > 0.0 or reversed_growth:
-                return 0, cycles, way, reversed_growth
+                return 0, cycles, way, reversed_growth, x, y
             reversed_growth = True
             gx, gy = -gx, -gy
         if turn < -0.2 or turn > 0.2:
@@ -105,8 +112,8 @@ def _meet(
             norm = np.sqrt(hx * hx + hy * hy)
             hx, hy = hx / norm, hy / norm
         if cycles > most_cycles:
-            return 0, cycles, way, reversed_growth
-    return 0, cycles, way, reversed_growth
+            return 0, cycles, way, reversed_growth, x, y
+    return 0, cycles, way, reversed_growth, x, y
 
 
 @njit(cache=True)
@@ -125,7 +132,7 @@ def _meet_outwards(
     way = np.zeros(len(points), np.float64)
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1]
-        number, _, passed, turned = _meet(labels, grow_x, grow_y, frequency, phase, valid, x, y, own, 1.0, 3.0)
+        number, _, passed, turned, _, _ = _meet(labels, grow_x, grow_y, frequency, phase, valid, x, y, own, 1.0, 3.0)
         if number > 0 and not turned:
             met[i], way[i] = number, passed
     return met, way
@@ -197,6 +204,11 @@ class _Votes:
     weight: dict[tuple[int, int, int], float]
     way: dict[tuple[int, int], list[float]]
 
+    def cast(self, a: int, b: int, apart: int, weight: float) -> None:
+        """Say that the index of b is `apart` more than that of a."""
+        key = (a, b, apart) if a < b else (b, a, -apart)
+        self.weight[key] = self.weight.get(key, 0.0) + weight
+
 
 def _votes(
     polylines: Sequence[npt.NDArray[np.float64]],
@@ -205,6 +217,7 @@ def _votes(
     frequency: npt.NDArray[Any],
     phase: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
+    strength: npt.NDArray[Any] | None,
 ) -> _Votes:
     """Ask along every boundary which one comes next, outwards and inwards."""
     labels = draw_labels(polylines, closed, growth.shape)
@@ -213,23 +226,33 @@ def _votes(
     wave = np.ascontiguousarray(phase, np.float32)
     height, width = growth.shape
     votes = _Votes({}, {})
+    wide: list[tuple[int, int, float]] = []
+    ways: list[tuple[float, float, float, float]] = []
     for number, points in enumerate(polylines, start=1):
         for x, y in points[:: max(1, min(4, len(points) // 12))]:
             x, y = float(np.clip(x, 0, width - 1)), float(np.clip(y, 0, height - 1))
             for outwards in (1.0, -1.0):
-                met, cycles, way, turned = _meet(labels, grow_x, grow_y, freq, wave, valid, x, y, number, outwards, 4.6)
+                met, cycles, way, turned, end_x, end_y = _meet(
+                    labels, grow_x, grow_y, freq, wave, valid, x, y, number, outwards, 4.6
+                )
                 if met == 0 or met == number:
                     continue
-                # A ring may be half as wide again as its neighbours: it takes most of a second cycle to say that one
-                # was missed.
-                apart = 0 if turned else max(1, int(cycles + 0.35))
-                # Counting one ring is certain, counting several less and less so.
-                weight = 0.3 if turned else 1.0 / max(1.0, cycles) ** 2
                 a, b = (number, met) if outwards > 0 else (met, number)
-                if apart == 1:
+                if turned:
+                    votes.cast(a, b, 0, 0.3)
+                elif cycles < _TWO_RINGS:
                     votes.way.setdefault((a, b), []).append(way)
-                key = (a, b, apart) if a < b else (b, a, -apart)
-                votes.weight[key] = votes.weight.get(key, 0.0) + weight
+                    votes.cast(a, b, 1, 1.0 / max(1.0, cycles) ** 2)
+                else:
+                    wide.append((a, b, cycles))
+                    ways.append((x, y, end_x, end_y))
+    missing = [int(cycles - _TWO_RINGS + 1.0) for _, _, cycles in wide]
+    if strength is not None and wide:
+        # In a ring much wider than the others the wave counts its overtone: where no edge is passed, none was missed.
+        missing = np.minimum(missing, edges_between(strength, np.array(ways), _FAINT)).tolist()
+    for (a, b, cycles), more in zip(wide, missing, strict=True):
+        # Counting one ring is certain, counting several less and less so.
+        votes.cast(a, b, 1 + more, 1.0 / cycles**2)
     return votes
 
 
@@ -282,6 +305,7 @@ def order_rings(
     frequency: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
     phase: npt.NDArray[Any] | None = None,
+    strength: npt.NDArray[Any] | None = None,
 ) -> Order:
     """Give every boundary its index.
 
@@ -297,6 +321,8 @@ def order_rings(
         The wood.
     phase : array of shape (M, N), optional
         Ring phase in rad; counts the rings between boundaries better than the frequency alone.
+    strength : array of shape (M, N), optional
+        From `woodfit.boundary.edge_strength`; between boundaries no more rings are missing than it has edges there.
 
     Returns
     -------
@@ -304,7 +330,7 @@ def order_rings(
     """
     count = len(polylines)
     wave = np.full(growth.shape, _UNKNOWN, np.float32) if phase is None else phase
-    votes = _votes(polylines, closed, growth, frequency, wave, valid)
+    votes = _votes(polylines, closed, growth, frequency, wave, valid, strength)
     indices = TiedNumbers(count)
     for a, b, apart in _clearest(votes.weight):
         indices.tie(a - 1, b - 1, apart)

@@ -177,12 +177,12 @@ def find_rings(
         limits,
     )
     kept, phase, strength = _traced(face, growth)
-    order = _ordered(kept, growth, frequency, valid, phase)
+    order = _ordered(kept, growth, frequency, valid, phase, strength)
     dotted = texture.dotted
     if pith is None and not dotted:
         clear = without_streaks(kept, order.index, growth.direction, strength, ring_scale_px)
         if clear is not kept:
-            kept, order = clear, _ordered(clear, growth, frequency, valid, phase)
+            kept, order = clear, _ordered(clear, growth, frequency, valid, phase, strength)
     if pith is not None:
         kept, order = close_rings(kept, order, pith, strength, frequency, valid)
     elif along_stem > 0.9 and not dotted:
@@ -253,9 +253,10 @@ def _ordered(
     frequency: npt.NDArray[Any],
     valid: npt.NDArray[np.bool_],
     phase: FloatArray,
+    strength: FloatArray,
 ) -> Order:
     points, closed = [trace.points for trace in traces], [trace.closed for trace in traces]
-    return order_rings(points, closed, growth.direction, frequency, valid, phase)
+    return order_rings(points, closed, growth.direction, frequency, valid, phase, strength)
 
 
 def _onto_edges(
