@@ -1,4 +1,4 @@
-"""Rings missing between traced boundaries: counted where an edge is seen between, not where only the wave says so."""
+"""Rings missing between traced boundaries: the edges seen there correct what the wave counts."""
 
 from __future__ import annotations
 
@@ -17,21 +17,33 @@ BOUNDARIES = [20.0, 40.0, 60.0, 120.0, 140.0]
 Array = NDArray[np.float64]
 
 
-def bump(at: float, height: float, width: float = 2.0) -> Array:
+def bump(at: float, height: float, width: float = 1.2) -> Array:
     row = np.arange(SHAPE[0], dtype=float)[:, None]
     return np.asarray(height * np.exp(-(((row - at) / width) ** 2) / 2.0) * np.ones(SHAPE))
 
 
+def bumps(edges: list[tuple[float, float]]) -> Array:
+    """Strength of edges at given rows, each with its height."""
+    return np.asarray(sum(bump(at, height) for at, height in edges))
+
+
 def edges(*faint: tuple[float, float]) -> Array:
     """Strength of the edges at the boundaries, 1 each, and of fainter ones at given places."""
-    return np.asarray(sum(bump(at, height) for at, height in [*((at, 1.0) for at in BOUNDARIES), *faint]))
+    return bumps([*((at, 1.0) for at in BOUNDARIES), *faint])
+
+
+def parallel(places: list[float]) -> list[Array]:
+    x = np.arange(0.0, SHAPE[1])
+    return [np.stack([x, np.full(len(x), at)], axis=1) for at in places]
+
+
+def ordered(lines: list[Array], strength: Array | None) -> list[int]:
+    growth, frequency = np.full(SHAPE, np.pi / 2), np.full(SHAPE, 1 / 20.0)
+    return order_rings(lines, [False] * len(lines), growth, frequency, wood(SHAPE), strength=strength).index.tolist()
 
 
 def indices(strength: Array | None) -> list[int]:
-    x = np.arange(0.0, SHAPE[1])
-    lines = [np.stack([x, np.full(len(x), at)], axis=1) for at in BOUNDARIES]
-    growth, frequency = np.full(SHAPE, np.pi / 2), np.full(SHAPE, 1 / 20.0)
-    return order_rings(lines, [False] * len(lines), growth, frequency, wood(SHAPE), strength=strength).index.tolist()
+    return ordered(parallel(BOUNDARIES), strength)
 
 
 def test_without_edges_to_look_at_the_wave_counts() -> None:
@@ -58,6 +70,27 @@ def test_an_edge_that_only_stays_the_darkening_of_the_wood_is_one() -> None:
     darkening = -0.3 * (np.abs(np.arange(SHAPE[0]) - 90.0) < 24.0)[:, None] * np.ones(SHAPE)
     assert indices(edges() + darkening) == [1, 2, 3, 4, 5]
     assert indices(edges((90.0, 0.3)) + darkening) == [1, 2, 3, 5, 6]
+
+
+MANY = [15.0 * n for n in range(1, 13)]
+
+
+@pytest.mark.parametrize("strong", [0.3, 0.8])
+def test_a_narrow_ring_that_the_wave_does_not_count_is_missing_where_a_clear_edge_is_seen(strong: float) -> None:
+    strength = bumps([*((at, 1.0) for at in MANY), (67.0, strong)])
+    missing = int(strong > 0.5)
+    assert ordered(parallel(MANY), strength) == [1, 2, 3, 4, *range(5 + missing, 13 + missing)]
+
+
+def test_where_many_neighbours_have_edges_between_them_they_are_fibre() -> None:
+    strength = bumps([*((at, 1.0) for at in MANY), *((at + 7.0, 0.8) for at in MANY[:3])])
+    assert ordered(parallel(MANY), strength) == list(range(1, 13))
+
+
+def test_an_edge_on_a_part_of_the_way_along_the_boundaries_is_no_ring() -> None:
+    strength = bumps([(at, 1.0) for at in MANY])
+    strength[:, :60] += bump(67.0, 0.8)[:, :60]
+    assert ordered(parallel(MANY), strength) == list(range(1, 13))
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3, 4])

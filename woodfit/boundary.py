@@ -213,7 +213,7 @@ def sample_image(
         )
         for start in range(0, len(xs), rows)
     ]
-    return np.concatenate(parts).astype(np.float64)
+    return np.concatenate(parts).astype(np.float64) if parts else np.zeros(np.shape(xs))
 
 
 def _best_path(reward: npt.NDArray[np.float64], cost: float, wraps: bool) -> npt.NDArray[np.intp]:

@@ -1,10 +1,10 @@
 """Consecutive indices for traced boundaries: who is whose neighbour, and how many rings lie between.
 
 From points along each boundary a walk goes outwards until it meets the next one and counts the cycles of the
-frequency field on its way. Each meeting is a vote "index of b = index of a + n"; votes are joined from the strongest
-down. A gap in one place is bridged by another, and where the count says that a boundary was missed, and an edge is seen
-there, the index says so too. Across the pith of a board the count is least sure, but there both sides show the same
-rings: see `woodfit.ring_sides`.
+frequency field on its way; the edges seen there correct the count (`woodfit.rings_apart`). Each meeting is a vote
+"index of b = index of a + n"; votes are joined from the strongest down. A gap in one place is bridged by another, and
+where a boundary was missed, the index says so too. Across the pith of a board the count is least sure, but there both
+sides show the same rings: see `woodfit.ring_sides`.
 """
 
 from __future__ import annotations
@@ -18,18 +18,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from woodfit.boundary import edges_between
 from woodfit.ring_sides import Widths, matched_shift, sides_of
+from woodfit.rings_apart import rings_apart
 from woodfit.tied_numbers import TiedNumbers
 
 #: Stands for a phase that is not known.
 _UNKNOWN = 1e6
-
-#: Cycles that say that a boundary was missed: a ring may be half as wide again as its neighbours.
-_TWO_RINGS = 1.65
-
-#: Least strength of an edge that may be a boundary that was missed, as a share of the boundaries beside it.
-_FAINT = 0.15
 
 
 @dataclass(frozen=True)
@@ -226,8 +220,9 @@ def _votes(
     wave = np.ascontiguousarray(phase, np.float32)
     height, width = growth.shape
     votes = _Votes({}, {})
-    wide: list[tuple[int, int, float]] = []
-    ways: list[tuple[float, float, float, float]] = []
+    met_at: list[tuple[int, int]] = []
+    passed: list[tuple[float, float]] = []
+    ends: list[tuple[float, float, float, float]] = []
     for number, points in enumerate(polylines, start=1):
         for x, y in points[:: max(1, min(4, len(points) // 12))]:
             x, y = float(np.clip(x, 0, width - 1)), float(np.clip(y, 0, height - 1))
@@ -240,19 +235,16 @@ def _votes(
                 a, b = (number, met) if outwards > 0 else (met, number)
                 if turned:
                     votes.cast(a, b, 0, 0.3)
-                elif cycles < _TWO_RINGS:
-                    votes.way.setdefault((a, b), []).append(way)
-                    votes.cast(a, b, 1, 1.0 / max(1.0, cycles) ** 2)
                 else:
-                    wide.append((a, b, cycles))
-                    ways.append((x, y, end_x, end_y))
-    missing = [int(cycles - _TWO_RINGS + 1.0) for _, _, cycles in wide]
-    if strength is not None and wide:
-        # In a ring much wider than the others the wave counts its overtone: where no edge is passed, none was missed.
-        missing = np.minimum(missing, edges_between(strength, np.array(ways), _FAINT)).tolist()
-    for (a, b, cycles), more in zip(wide, missing, strict=True):
+                    met_at.append((a, b))
+                    passed.append((cycles, way))
+                    ends.append((x, y, end_x, end_y))
+    counted = rings_apart(np.array([cycles for cycles, _ in passed]), np.array(ends), np.array(met_at), strength)
+    for (a, b), (cycles, way), apart in zip(met_at, passed, counted.tolist(), strict=True):
+        if apart == 1:
+            votes.way.setdefault((a, b), []).append(way)
         # Counting one ring is certain, counting several less and less so.
-        votes.cast(a, b, 1 + more, 1.0 / cycles**2)
+        votes.cast(a, b, apart, 1.0 / max(1.0, cycles) ** 2)
     return votes
 
 
@@ -322,7 +314,7 @@ def order_rings(
     phase : array of shape (M, N), optional
         Ring phase in rad; counts the rings between boundaries better than the frequency alone.
     strength : array of shape (M, N), optional
-        From `woodfit.boundary.edge_strength`; between boundaries no more rings are missing than it has edges there.
+        From `woodfit.boundary.edge_strength`: shows whether a ring is missing between two boundaries.
 
     Returns
     -------
