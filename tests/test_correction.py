@@ -371,6 +371,21 @@ def test_marks_where_nothing_was_traced_become_boundaries() -> None:
         npt.assert_allclose(np.median(trace.points[:, 0]), edge, atol=1.0)
 
 
+def test_two_paths_that_mark_one_line_at_two_places_do_not_leave_two_lines_on_one_edge() -> None:
+    """The second path moves the line that the first one's later mark has onto the first one's earlier mark."""
+    (x0, y0), (x1, y1) = path_in("end_grain_pith")
+    paths, points = [], []
+    for share in ([0.046875, 0.109375], [0.046875, 0.296875]):
+        here = [(x0 + t * (x1 - x0), y0 + t * (y1 - y0)) for t in share]
+        points += here
+        rows = [Mark("a", "boundary", point) for point in here]
+        paths.append(InputFile(name=f"{share[1]}.csv", text=boundary_table.dumps(rows)))
+    again = ring_tracing(before_tracing("end_grain_pith"), RingTracingParams(corrected=tuple(paths)))
+    assert_apart(again)
+    for point in points:
+        assert min(distance(np.array(point), line) for line in loops(again)) <= 0.06
+
+
 @each_scene
 @given(data=st.data())
 @settings(max_examples=15, deadline=None)

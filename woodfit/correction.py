@@ -226,6 +226,11 @@ def _add_missing(
             chain[mark] = added[passing]
             draft.lines[chain[mark]] = _through(draft.lines[chain[mark]], border, frequency)
             continue
+        moved_here = _line_moved_here(mark, path, chain, draft)
+        if moved_here is not None:
+            # It is this mark's; the later one gets a line of its own.
+            chain[mark], chain[moved_here] = chain[moved_here], -1
+            continue
         inner = next((line for line in chain[:mark][::-1] if line >= 0), None)
         outer = next((line for line in chain[mark + 1 :] if line >= 0), None)
         line = follow_boundary(
@@ -245,6 +250,17 @@ def _add_missing(
         draft.lines.append(_through(line, border[1:], frequency))
         draft.old.append(-1)
     return new
+
+
+def _line_moved_here(mark: int, path: MarkedPath, chain: Sequence[int], draft: _Draft) -> int | None:
+    """Later mark whose line another path, which contradicts this one, has moved away from it and onto this mark."""
+    for later in range(mark + 1, len(chain)):
+        if chain[later] >= 0:
+            points = draft.lines[chain[later]].points
+            here, there = (float(np.hypot(*(points - path.borders[at][0]).T).min()) for at in (mark, later))
+            if here < min(1.0, there):
+                return later
+    return None
 
 
 def _pieces_of_ring(line: int | None, draft: _Draft, found: Rings) -> set[int]:
