@@ -103,3 +103,9 @@ def test_edges_are_counted_whichever_way_is_taken(count: int, backwards: bool) -
     npt.assert_array_equal(edges_between(strength, ways, 0.6), 0)
     # A share has no unit: neither light nor contrast change the count.
     npt.assert_array_equal(edges_between(7.0 * strength, ways, 0.15), count)
+
+
+def test_many_ways_are_counted_as_few_are() -> None:
+    strength = edges((90.0, 0.5))
+    ways = np.array([[50.0, 60.0, 50.0, 120.0], [50.0, 20.0, 50.0, 40.0]] * 9000)
+    npt.assert_array_equal(edges_between(strength, ways, 0.15), [1, 0] * 9000)

@@ -129,6 +129,11 @@ def edges_between(
     -------
     int array of shape (K,)
     """
+    most = 16384
+    if len(ways) > most:
+        # In parts: the profiles of all walks on a large disc would take hundreds of megabytes.
+        parts = np.array_split(ways, -(-len(ways) // most))
+        return np.concatenate([edges_between(strength, part, least_share) for part in parts])
     # A boundary's own edge may lie a little outside it; the ends of the way are searched for it on either side.
     end = 0.12
     at = np.linspace(-end, 1.0 + end, 79)
