@@ -1,4 +1,4 @@
-"""From phase to numbered rings: growth, traces, edges and order, on rings whose answer is known."""
+"""From phase to numbered rings: growth, traces and edges, on rings whose answer is known."""
 
 import itertools
 
@@ -310,69 +310,6 @@ def test_a_step_out_of_focus_has_no_foot(blur_px: float) -> None:
     way, sharp = latewood_foot(value, points, np.zeros(30), np.full(30, 40.0), closed=False)
     assert not sharp.any()
     npt.assert_array_equal(way, 0.0)
-
-
-# --- order --------------------------------------------------------------------------------------------------
-def parallel_lines(numbers: list[int], width: float = 15.0, length: int = 200) -> list[Array]:
-    x = np.arange(0.0, length)
-    return [np.stack([x, np.full(length, width * n)], axis=1) for n in numbers]
-
-
-def order_of(
-    lines: list[Array], shape: tuple[int, int] = (160, 200), width: float = 15.0
-) -> tuple[list[int], list[int]]:
-    growth, frequency = np.full(shape, np.pi / 2), np.full(shape, 1 / width)
-    order = order_rings(lines, [False] * len(lines), growth, frequency, wood(shape))
-    assert ((order.agreement >= 0.0) & (order.agreement <= 1.0)).all()
-    return order.index.tolist(), order.group.tolist()
-
-
-def test_neighbours_get_consecutive_indices_whatever_their_order() -> None:
-    numbers = [4, 1, 9, 2, 3, 8, 5, 7, 6]
-    index, group = order_of(parallel_lines(numbers))
-    assert index == numbers
-    assert set(group) == {0}
-
-
-def test_a_missing_ring_leaves_its_index_free() -> None:
-    numbers = [1, 2, 3, 5, 6, 9]
-    index, group = order_of(parallel_lines(numbers))
-    assert index == numbers
-    assert set(group) == {0}
-
-
-def test_the_pieces_of_a_broken_ring_share_their_index() -> None:
-    lines = parallel_lines([1, 2, 3, 4])
-    broken = [lines[0], lines[1], lines[2][:80], lines[2][130:], lines[3]]
-    index, group = order_of(broken)
-    assert index == [1, 2, 3, 3, 4]
-    assert set(group) == {0}
-
-
-def test_a_gap_in_one_place_is_bridged_by_another() -> None:
-    lines = parallel_lines([1, 2, 3, 4, 5, 6])
-    holed = [lines[0], lines[1][:90], lines[2][:70], lines[3][:110], lines[4], lines[5]]
-    index, _ = order_of(holed)
-    assert index == [1, 2, 3, 4, 5, 6]
-
-
-def test_rings_are_numbered_through_the_pith() -> None:
-    shape = (200, 200)
-    age, outwards = round_age(shape, (100.0, 100.0), 18.0)
-    turn = np.linspace(0, 2 * np.pi, 300)
-    lines = [100.0 + 18.0 * n * np.stack([np.cos(turn), np.sin(turn)], axis=1) for n in range(1, 6)]
-    halves = [half for line in lines for half in (line[:120], line[150:270])]
-    order = order_rings(halves, [False] * 10, outwards, np.full(shape, 1 / 18.0), wood(shape))
-    assert order.index.tolist() == [1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
-    whole = order_rings(lines, [True] * 5, outwards, np.full(shape, 1 / 18.0), wood(shape))
-    assert whole.index.tolist() == [1, 2, 3, 4, 5]
-    assert whole.agreement.min() > 0.9
-    assert age.max() > 5
-
-
-def test_nothing_and_a_single_ring_are_ordered_too() -> None:
-    assert order_of([]) == ([], [])
-    assert order_of(parallel_lines([3])) == ([1], [0])
 
 
 # --- all together -------------------------------------------------------------------------------------------
