@@ -101,7 +101,7 @@ class RingTracingParams(Params):
         CORRECTED_ABSENT_X,
         CORRECTED_ABSENT_Y,
     ),
-    version=13,
+    version=14,
     params=RingTracingParams,
 )
 def ring_tracing(ds: xr.Dataset, params: RingTracingParams) -> xr.Dataset:

@@ -29,7 +29,8 @@ def order_of(
     lines: list[Array], shape: tuple[int, int] = (160, 200), width: float = 15.0
 ) -> tuple[list[int], list[int]]:
     growth, frequency = np.full(shape, np.pi / 2), np.full(shape, 1 / width)
-    order = order_rings(lines, [False] * len(lines), growth, frequency, wood(shape))
+    kept, order = order_rings(lines, [False] * len(lines), growth, frequency, wood(shape))
+    assert kept.tolist() == list(range(len(lines)))
     assert ((order.agreement >= 0.0) & (order.agreement <= 1.0)).all()
     return order.index.tolist(), order.group.tolist()
 
@@ -69,9 +70,9 @@ def test_rings_are_numbered_through_the_pith() -> None:
     turn = np.linspace(0, 2 * np.pi, 300)
     lines = [100.0 + 18.0 * n * np.stack([np.cos(turn), np.sin(turn)], axis=1) for n in range(1, 6)]
     halves = [half for line in lines for half in (line[:120], line[150:270])]
-    order = order_rings(halves, [False] * 10, outwards, np.full(shape, 1 / 18.0), wood(shape))
+    _, order = order_rings(halves, [False] * 10, outwards, np.full(shape, 1 / 18.0), wood(shape))
     assert order.index.tolist() == [1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
-    whole = order_rings(lines, [True] * 5, outwards, np.full(shape, 1 / 18.0), wood(shape))
+    _, whole = order_rings(lines, [True] * 5, outwards, np.full(shape, 1 / 18.0), wood(shape))
     assert whole.index.tolist() == [1, 2, 3, 4, 5]
     assert whole.agreement.min() > 0.9
     assert age.max() > 5
@@ -100,7 +101,9 @@ def edges(*faint: tuple[float, float]) -> Array:
 
 def ordered(lines: list[Array], strength: Array | None) -> list[int]:
     growth, frequency = np.full(SHAPE, np.pi / 2), np.full(SHAPE, 1 / 20.0)
-    return order_rings(lines, [False] * len(lines), growth, frequency, wood(SHAPE), strength=strength).index.tolist()
+    kept, order = order_rings(lines, [False] * len(lines), growth, frequency, wood(SHAPE), strength=strength)
+    assert kept.tolist() == list(range(len(lines)))
+    return order.index.tolist()
 
 
 def indices(strength: Array | None) -> list[int]:

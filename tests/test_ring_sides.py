@@ -7,8 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from kernel_scenes import Array, wood
 
-from woodfit.ring_order import order_rings
+from woodfit.ring_order import _matched_sides, order_rings
 from woodfit.ring_sides import matched_shift, sides_of, without_streaks
+from woodfit.ring_walks import Votes
+from woodfit.settled_numbers import joined
 from woodfit.tracing import Trace
 
 SHAPE = (200, 400)
@@ -37,7 +39,9 @@ def board() -> list[Array]:
 
 def number(lines: list[Array]) -> list[int]:
     growth, frequency = fields()
-    return order_rings(lines, [False] * len(lines), growth, frequency, wood(SHAPE)).index.tolist()
+    kept, order = order_rings(lines, [False] * len(lines), growth, frequency, wood(SHAPE))
+    assert kept.tolist() == list(range(len(lines)))
+    return order.index.tolist()
 
 
 def test_both_sides_of_a_board_have_the_same_numbers() -> None:
@@ -55,6 +59,26 @@ def test_a_streak_on_one_side_of_the_middle_does_not_shift_the_numbers_of_the_ot
 def test_a_ring_that_one_side_misses_does_not_shift_them_either() -> None:
     index = number(board()[1:])
     assert index[1::2] == index[2::2]
+
+
+def test_a_ring_traced_over_both_sides_outweighs_their_widths() -> None:
+    # Left 1-5, right 6-11, and 12 outside of both: by the widths the outermost ring on the right would lie outside it.
+    left, right = [10.0, 14.0, 20.0, 12.0], [10.0, 14.0, 20.0, 12.0, 17.0]
+    votes = Votes({(5, 12, 1): 200.0, (11, 12, 1): 200.0, (1, 6, 0): 30.0}, {})
+    for first, widths in ((1, left), (6, right)):
+        for number, width in enumerate(widths, start=first):
+            votes.weight[number, number + 1, 1] = 40.0
+            votes.way[number, number + 1] = [width]
+    side = np.array([1] * 5 + [-1] * 6 + [0])
+    counted = joined(votes.weight, 12)
+    assert matched_shift(dict(enumerate(left)), dict(enumerate(right, start=-1)), 0) != 0
+    assert _matched_sides(counted, votes, side) is counted
+    # Without that ring the widths are believed.
+    for pair in ((5, 12), (11, 12)):
+        del votes.weight[(*pair, 1)]
+    votes.weight[5, 11, 0] = 30.0
+    tied = _matched_sides(joined(votes.weight, 12), votes, side)
+    assert [tied.difference(a, a + 5) for a in range(5)] == [0] * 5
 
 
 def test_rings_with_nothing_in_common_keep_the_count() -> None:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from woodfit.boundary import edge_offsets
 from woodfit.grids import nearest
-from woodfit.ring_order import Surroundings, distance_outwards, draw_labels
+from woodfit.ring_walks import Surroundings, distance_outwards, draw_labels
 from woodfit.tracing import Trace
 
 FloatArray = npt.NDArray[np.float64]

@@ -21,7 +21,7 @@ from woodfit.dendro.series import FormatError
 from woodfit.grids import nearest
 from woodfit.marked_path import MarkedPath
 from woodfit.marks_on_lines import NEAR_PX, boxes_of, match_marks, nearest_line, positions_of, tolerance_of
-from woodfit.ring_order import draw_labels
+from woodfit.ring_walks import draw_labels
 from woodfit.rings import Rings
 from woodfit.tracing import Trace
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from woodfit.boundary import edge_offsets, sample_image
 from woodfit.grids import nearest
 from woodfit.ring_belief import believe, without_doubtful
-from woodfit.ring_order import Surroundings, distance_outwards, draw_labels
+from woodfit.ring_walks import Surroundings, distance_outwards, draw_labels
 from woodfit.tracing import Trace
 
 FloatArray = npt.NDArray[np.float32]

@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 
 from woodfit.centre import normals_meet
 from woodfit.measuring import Boundaries
-from woodfit.ring_order import draw_labels
+from woodfit.ring_walks import draw_labels
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

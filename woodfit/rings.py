@@ -177,12 +177,12 @@ def find_rings(
         limits,
     )
     kept, phase, strength = _traced(face, growth)
-    order = _ordered(kept, growth, frequency, valid, phase, strength)
+    kept, order = _ordered(kept, growth, frequency, valid, phase, strength, pith is not None)
     dotted = texture.dotted
     if pith is None and not dotted:
         clear = without_streaks(kept, order.index, growth.direction, strength, ring_scale_px)
         if clear is not kept:
-            kept, order = clear, _ordered(clear, growth, frequency, valid, phase, strength)
+            kept, order = _ordered(clear, growth, frequency, valid, phase, strength)
     if pith is not None:
         kept, order = close_rings(kept, order, pith, strength, frequency, valid)
     elif along_stem > 0.9 and not dotted:
@@ -254,9 +254,12 @@ def _ordered(
     valid: npt.NDArray[np.bool_],
     phase: FloatArray,
     strength: FloatArray,
-) -> Order:
+    around_pith: bool = False,
+) -> tuple[list[Trace], Order]:
+    """Traces for which the order of growth has room, and their indices."""
     points, closed = [trace.points for trace in traces], [trace.closed for trace in traces]
-    return order_rings(points, closed, growth.direction, frequency, valid, phase, strength)
+    kept, order = order_rings(points, closed, growth.direction, frequency, valid, phase, strength, around_pith)
+    return [traces[i] for i in kept], order
 
 
 def _onto_edges(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+import numpy.typing as npt
+
 
 class TiedNumbers:
     """Numbers tied by differences: the first word counts.
@@ -22,6 +25,10 @@ class TiedNumbers:
             above += self._above[node]
             node = self._parent[node]
         return node, above
+
+    def numbers(self) -> npt.NDArray[np.int64]:
+        """Each number above that of its root."""
+        return np.array([self.find(node)[1] for node in range(len(self._parent))], np.int64)
 
     def difference(self, a: int, b: int) -> int | None:
         """What b is more than a, None if they are not tied."""
