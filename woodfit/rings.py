@@ -13,6 +13,7 @@ from woodfit.fine_texture import Texture, read_texture
 from woodfit.grids import nearest
 from woodfit.growth import Growth, find_growth
 from woodfit.infill import missed_boundaries
+from woodfit.jogs import without_jogs
 from woodfit.ring_belief import believe, mean_slope, without_doubtful, without_faint
 from woodfit.ring_closure import close_rings, describe_uneven
 from woodfit.ring_order import Order, order_rings
@@ -244,7 +245,8 @@ def _traced(face: _Face, growth: Growth) -> tuple[list[Trace], FloatArray, Float
         kept += missed_boundaries(kept, strength, direction, frequency, valid, around)
     if growth.bright_outwards:
         kept = _onto_latewood(kept, face.along, direction, frequency)
-    return kept_apart(kept, valid.shape), phase, strength
+    kept = without_jogs(kept_apart(kept, valid.shape), direction, frequency, face.ring_scale_px, face.limits[3])
+    return kept, phase, strength
 
 
 def _ordered(
