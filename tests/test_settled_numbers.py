@@ -52,10 +52,18 @@ def test_short_pieces_of_one_ring_are_kept() -> None:
 
 
 def test_a_long_line_between_two_rings_pushes_the_outer_ones_on() -> None:
-    # Too long to be a streak: it is a ring that ends, as false rings and rings beside a wound do.
-    kept, order = placed([*(piece(at) for at in RINGS), piece(50.0, 0.0, 300.0)])
+    # Too long to be a streak: it is a narrow ring that ends, as beside a wound.
+    kept, order = placed([*(piece(at) for at in RINGS), piece(50.0, 0.0, 370.0)])
     assert len(kept) == 6
     assert order.index.tolist() == [1, 2, 4, 5, 6, 3]
+
+
+def test_a_line_along_half_a_ring_does_not_push_them_on() -> None:
+    # Half a ring to each side of it: a streak, or the edge of a stain. Where it ends its neighbours are one ring apart.
+    kept, order = placed([*(piece(at) for at in RINGS), piece(50.0, 0.0, 260.0)])
+    assert len(kept) == 6
+    assert order.index[:5].tolist() == [1, 2, 3, 4, 5]
+    assert order.index[5] in (2, 3)
 
 
 def test_nothing_is_left_out_of_nothing() -> None:

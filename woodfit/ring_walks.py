@@ -219,6 +219,7 @@ def votes_of(
     for (a, b), (cycles, way), apart in zip(met_at, passed, counted.tolist(), strict=True):
         if apart == 1:
             votes.way.setdefault((a, b), []).append(way)
-        # Counting one ring is certain, counting several less and less so.
-        votes.cast(a, b, apart, 1.0 / max(1.0, cycles) ** 2)
+        # A way of one ring is certain, one of several less and less so; and what halves a ring may be a streak.
+        rings = max(cycles, 0.1)
+        votes.cast(a, b, apart, min(rings, 1.0 / rings) ** 2)
     return votes

@@ -28,9 +28,6 @@ _MUCH_LONGER = 4.0
 #: Share of a short boundary's votes that tell of no room for it; usual is half, those to the side where it itself is.
 _MISFIT = 0.25
 
-#: A link is exchanged if that lowers the cost by this share of the offended vote's weight.
-_DECISIVE = 0.75
-
 
 def clearest(weight: Mapping[Vote, float]) -> list[Vote]:
     """The strongest vote of each pair, the clearest majority first."""
@@ -132,11 +129,15 @@ class _Links(_Cast):
         return links
 
     def exchange(self, vote: int) -> bool:
-        """Exchange one link for an offended vote, if that lowers the cost enough; whether it did."""
+        """Give up one link for an offended vote, if it is weaker and that lowers the cost; whether it did."""
         a, b = int(self.a[vote]), int(self.b[vote])
         more = int(self.apart[vote] - (self.number[b] - self.number[a]))
-        least, weakest = self.cost(self.number) - _DECISIVE * self.weight[vote], -1
+        pair = (self.a == self.a[vote]) & (self.b == self.b[vote])
+        told = float(self.weight[pair & self.offences(self.number)].sum())
+        least, weakest = self.cost(self.number), -1
         for node in self.chain(a, b):
+            if self.told(node, int(self.above[node])) >= told:
+                continue
             moved = np.where(self.hangs(np.arange(len(self.number)), node), more if self.hangs(b, node) else -more, 0)
             cost = self.cost(self.number + moved)
             if cost < least:
@@ -149,8 +150,13 @@ class _Links(_Cast):
         self._grow()
         return True
 
+    def told(self, one: int, other: int) -> float:
+        """Weight of the votes for the link between two boundaries."""
+        a, b = min(one, other), max(one, other)
+        return float(self.weight[(self.a == a) & (self.b == b) & (self.apart == self.holds[a][b])].sum())
+
     def mend(self) -> None:
-        """Exchange links, for the strongest offended votes first, until none lowers the cost enough."""
+        """Exchange links, for the strongest offended votes first, until none lowers the cost."""
         strong = np.flatnonzero(self.weight >= _LEAST_WALKS)
         strong = strong[np.argsort(-self.weight[strong], kind="stable")]
         mended = True
