@@ -87,6 +87,19 @@ def test_the_weakest_link_of_a_contradicted_chain_is_mended() -> None:
     assert above_first(votes, 4) == [0, 2, 3, 4]
 
 
+def test_several_rings_one_by_one_say_more_than_a_count_of_them_in_one_go() -> None:
+    # A core: 1 and 4 are counted two rings apart where 2 and 3 are not traced.
+    votes: dict[Vote, float] = {(1, 2, 1): 21.0, (2, 3, 1): 26.5, (3, 4, 1): 33.0, (1, 4, 2): 24.1}
+    assert joined(votes, 4).difference(0, 1) == 0
+    assert above_first(votes, 4) == [0, 1, 2, 3]
+
+
+def test_a_long_streak_does_not_outweigh_what_is_counted_along_most_of_the_ring() -> None:
+    # A rough disc: 4 follows 1 all round but for one side, where 2 and 3 are a streak and a piece of 4.
+    votes: dict[Vote, float] = {(1, 2, 1): 119.0, (2, 3, 1): 90.0, (3, 4, 1): 71.0, (1, 4, 1): 186.0}
+    assert above_first(votes, 4) == [0, 1, 2, 1]
+
+
 def test_one_walk_that_slipped_past_the_end_of_a_line_mends_nothing() -> None:
     votes: dict[Vote, float] = {(1, 2, 1): 100.0, (2, 3, 1): 100.0, (3, 4, 1): 100.0, (1, 4, -1): 2.0}
     assert above_first(votes, 4) == [0, 1, 2, 3]
