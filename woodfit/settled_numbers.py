@@ -95,8 +95,11 @@ class _Links(_Cast):
         for a, b, apart in clearest(weight):
             if tied.difference(a - 1, b - 1) is None:
                 tied.tie(a - 1, b - 1, apart)
-                self.holds[a - 1][b - 1], self.holds[b - 1][a - 1] = apart, -apart
+                self._hold(a - 1, b - 1, apart)
         self._grow()
+
+    def _hold(self, a: int, b: int, apart: int) -> None:
+        self.holds[a][b], self.holds[b][a] = apart, -apart
 
     def _grow(self) -> None:
         """Numbers from the links; and who hangs on whom: `above`, and the place of each and its last descendant's."""
@@ -150,7 +153,7 @@ class _Links(_Cast):
             return False
         beside = int(self.above[weakest])
         del self.holds[weakest][beside], self.holds[beside][weakest]
-        self.holds[a][b], self.holds[b][a] = int(self.apart[vote]), -int(self.apart[vote])
+        self._hold(a, b, int(self.apart[vote]))
         self._grow()
         return True
 
